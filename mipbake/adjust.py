@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -90,42 +89,19 @@ def adjusted(stack: MipStack, texture_set: TextureSet, asked: Adjustments) -> Mi
         plain = bake(texture_set, "linear", stack.model, "box").levels[: len(levels)]
         levels = [_blend(a, b, asked.strength, stack.model) for a, b in zip(plain, levels, strict=True)]
     if asked.keep_level0:
-        levels = _with_level0(levels, texture_set, stack.model)
-    levels = _raised(levels, asked.min_roughness, stack.model)
+        levels[0] = texture_set.material(stack.model)
+        for layout in LAYOUTS[stack.model]:
+            if layout.name in ("normal", "anisotropy") and layout.name in texture_set.maps:
+                levels[0][..., layout.channels] = _as_stored(texture_set, layout.name)
+        levels = led(levels, stack.model)
+    if asked.min_roughness:
+        roughness = channels_of(stack.model, "roughness")
+        for index, level in enumerate(levels):
+            raised = level.copy()
+            raised[..., roughness] = np.maximum(level[..., roughness], np.float32(asked.min_roughness))
+            levels[index] = raised
     provenance = replace(stack.provenance, promise=None, adjustments=asked.spoken)
     return replace(stack, levels=levels, provenance=provenance)
-
-
-def with_own_level0(stack: MipStack, texture_set: TextureSet, asked: Adjustments) -> MipStack:
-    """The stack of a tile that was adjusted together with others, once more with level 0 of its own files where that is
-    to be kept: in a tile that is smaller than the others, level 0 is another level of all tiles together.
-    """
-    if not asked.keep_level0:
-        return stack
-    levels = _with_level0(stack.levels, texture_set, stack.model)
-    return replace(stack, levels=_raised(levels, asked.min_roughness, stack.model))
-
-
-def _with_level0(levels: Sequence[Level], texture_set: TextureSet, model: str) -> list[Level]:
-    """Levels whose level 0 is the source's, and whose directions follow it."""
-    first = texture_set.material(model)
-    for layout in LAYOUTS[model]:
-        if layout.name in ("normal", "anisotropy") and layout.name in texture_set.maps:
-            first[..., layout.channels] = _as_stored(texture_set, layout.name)
-    return led([first, *levels[1:]], model)
-
-
-def _raised(levels: Sequence[Level], least: float, model: str) -> list[Level]:
-    """Levels whose roughness is at least so much."""
-    if not least:
-        return list(levels)
-    roughness = channels_of(model, "roughness")
-    out = []
-    for level in levels:
-        raised = level.copy()
-        raised[..., roughness] = np.maximum(level[..., roughness], np.float32(least))
-        out.append(raised)
-    return out
 
 
 def _as_stored(texture_set: TextureSet, role: str) -> Level:

@@ -22,7 +22,7 @@ from mipbake.io.sources import Discovery
 from mipbake.io.tiles import name_with
 from mipbake.packing import source_files
 from mipbake.texture_set import TextureSet, load
-from mipbake.udim import CLAMPED, Mosaic, joined, split
+from mipbake.udim import CLAMPED, Mosaic, mosaics, split
 
 if TYPE_CHECKING:
     from mipbake.stack import MipStack
@@ -112,21 +112,23 @@ class Job:
         """What would be read, by tile. InputError where it cannot."""
         return {tile: _of_tile(tile, part.find) for tile, part in self.parts.items()}
 
-    def read(self, change: Callable[[TextureSet], TextureSet] = lambda each: each) -> Read:
-        """What is baked, every texture set changed as it is wanted. InputError where it cannot be read."""
+    def read(self, change: Callable[[TextureSet], TextureSet] = lambda each: each) -> list[Read]:
+        """What is baked, every texture set changed as it is wanted: tiles that differ in size are baked one size after
+        the other. InputError where it cannot be read."""
         if list(self.parts) == [0]:
             alone = change(self.parts[0].load())
-            return Read({0: alone}, alone)
+            return [Read({0: alone}, alone)]
         # Their borders meet other tiles, not their own other sides.
         sets = {tile: change(replace(_of_tile(tile, p.load), wrap=CLAMPED)) for tile, p in self.parts.items()}
-        mosaic = joined(sets)
-        named = {tile: replace(each, name=mosaic.tiles[tile].name) for tile, each in sets.items()}
-        return Read(named, mosaic.texture_set, mosaic)
+        return [
+            Read({n: replace(sets[n], name=tile.name) for n, tile in each.tiles.items()}, each.texture_set, each)
+            for each in mosaics(sets)
+        ]
 
 
 @dataclass(frozen=True, eq=False)
 class Read:
-    """What a job holds.
+    """What is baked at once.
 
     Args:
         sets: texture sets by tile.
@@ -137,13 +139,6 @@ class Read:
     sets: Mapping[int, TextureSet]
     texture_set: TextureSet
     mosaic: Mosaic | None = field(default=None)
-
-    @property
-    def cell(self) -> tuple[int, int]:
-        """(height, width) of what is baked, or of each tile in it."""
-        whole, mosaic = self.texture_set, self.mosaic
-        rows, columns = (1, 1) if mosaic is None else (mosaic.rows, mosaic.columns)
-        return whole.height // rows, whole.width // columns
 
     def stacks(self, baked: MipStack) -> Iterator[tuple[TextureSet, MipStack]]:
         """Every texture set with its own stack."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -17,20 +17,19 @@ from mipbake.errors import UsageError
 from mipbake.fill import fill
 from mipbake.io.colour import LINEAR
 from mipbake.io.decode import TextureMap, resized, unit_directions
-from mipbake.io.map_files import Levels
 from mipbake.io.messages import listed
 from mipbake.io.normal import normalised
 from mipbake.io.options import CARRIED, COLOUR_ROLES, ROLES, SHADING_ROLES
 from mipbake.io.sources import DATA, MapSource, NormalConvention, spoken
 from mipbake.io.tiles import FIRST, LAST, name_with, place, tile_options, tiles_of
 from mipbake.opacity import keeping_coverage
-from mipbake.pixel_filter import filtered_levels, level_sizes
+from mipbake.pixel_filter import level_sizes
 from mipbake.texture_set import TextureSet
 
 if TYPE_CHECKING:
     from mipbake.stack import MipStack
 
-__all__ = ["Mosaic", "Tile", "islands", "joined", "split", "tile_options", "tiles_of"]
+__all__ = ["Mosaic", "Tile", "islands", "joined", "mosaics", "split", "tile_options", "tiles_of"]
 
 CLAMPED = ("clamp", "clamp")
 
@@ -50,13 +49,17 @@ class Tile:
     Args:
         name: of its stack, safe as a folder name.
         row, column: where it lies, in tiles from the top left.
-        texture_set: its own, of the size that its stack has.
+        near: numbers of the tiles that touch it.
+        plain_roles: maps that do not shade and that the tile itself has.
+        sources: source file name to SHA-256 of its bytes.
     """
 
     name: str
     row: int
     column: int
-    texture_set: TextureSet
+    near: tuple[int, ...]
+    plain_roles: tuple[str, ...]
+    sources: Mapping[str, str]
 
 
 @dataclass(frozen=True)
@@ -65,7 +68,7 @@ class Mosaic:
 
     Args:
         texture_set: all of them as one, clamped, holes between them filled from the tiles around.
-        tiles: where each lies, by its number.
+        tiles: those that stacks are cut out for, by their numbers. Tiles of another size lie around them.
         rows, columns: size in tiles.
         alpha_cutoff: what renderers test the opacity of every tile against; None where it is blended. The texture set
             has none: coverage is kept for each tile, not for all tiles together.
@@ -94,18 +97,28 @@ def islands(tiles: Iterable[int]) -> list[list[int]]:
     return groups
 
 
-def joined(tiles: Mapping[int, TextureSet]) -> Mosaic:
+def mosaics(tiles: Mapping[int, TextureSet]) -> list[Mosaic]:
+    """A mosaic for each size that tiles have, the largest first, in which the tiles of that size keep their texels.
+
+    Raises:
+        UsageError: as `joined`.
+    """
+    sizes = {(each.height, each.width) for each in tiles.values()}
+    return [joined(tiles, size) for size in sorted(sizes, reverse=True)] or [joined(tiles)]
+
+
+def joined(tiles: Mapping[int, TextureSet], size: tuple[int, int] | None = None) -> Mosaic:
     """Texture sets side by side as their tile numbers say: u runs to the right, v upwards.
 
-    Tiles are resampled to the largest of each map, and `split` gives each its own size back: a level of the mosaic has
-    the same texels on the surface everywhere. A map that only some tiles have is a constant in the others
-    (anisotropy of strength 0, occlusion, opacity and carried channels 1, emissive 0; a height is continued from the
-    tiles around). Where there is no tile, the maps are continued from the tiles around: nothing foreign is filtered
-    into their borders.
+    Tiles of another size than the mosaic's are resampled to it, for what is filtered across borders. A map that only
+    some tiles have is a constant in the others (anisotropy of strength 0, occlusion, opacity and carried channels 1,
+    emissive 0; a height is continued from the tiles around). Where there is no tile, the maps are continued from the
+    tiles around: nothing foreign is filtered into their borders.
 
     Args:
         tiles: number, from 1001 to 1999, to texture set. Tiles that lie far apart are better joined by `islands`: the
             mosaic is the rectangle around all of them.
+        size: (height, width) of the tiles that stacks are cut out for; by default, the largest that there is.
 
     Raises:
         UsageError: no tiles, a number that is not a tile's, or tiles whose opacity is tested against different cutoffs.
@@ -122,17 +135,20 @@ def joined(tiles: Mapping[int, TextureSet]) -> Mosaic:
     cells = {tile: (top - v, u - left) for tile, (u, v) in places.items()}
     rows, columns = top - bottom + 1, right - left + 1
 
-    shading = (max(s.height for s in sets.values()), max(s.width for s in sets.values()))
+    shading = size or max((each.height, each.width) for each in sets.values())
+    inside = {tile: each for tile, each in sets.items() if (each.height, each.width) == shading}
     sizes = {role: shading for role in SHADING_ROLES}
     cutoffs = list(dict.fromkeys(s.alpha_cutoff for s in sets.values()))
     if len(cutoffs) > 1:
         told = " and ".join("none" if cutoff is None else f"{cutoff:g}" for cutoff in cutoffs)
         raise UsageError(f"the tiles have different alpha cutoffs, {told}: load all of them with the same")
     carried = {role: None for s in sets.values() for role in s.maps if role.startswith(CARRIED)}
+    groups = (inside.values(), sets.values())
     roles = [role for role in (*ROLES, *carried) if any(role in s.maps for s in sets.values())]
     for role in roles:
         if role not in SHADING_ROLES:
-            there = [s.maps[role].pixels.shape for s in sets.values() if role in s.maps]
+            of_size, every = ([s.maps[role].pixels.shape for s in some if role in s.maps] for some in groups)
+            there = of_size or every
             sizes[role] = (max(s[0] for s in there), max(s[1] for s in there))
     maps = {role: _mosaic_map(role, sets, cells, (rows, columns), sizes[role]) for role in roles}
 
@@ -149,21 +165,19 @@ def joined(tiles: Mapping[int, TextureSet]) -> Mosaic:
         (decided or conventions)[0],
         hashlib.sha256(json.dumps([(tile, s.source_hash) for tile, s in sets.items()]).encode()).hexdigest(),
         tuple(notes),
-        (*warnings, *_convention_warnings(sets), *_size_warnings(sets, shading)),
+        (*warnings, *_convention_warnings(sets), *_size_warnings(shading)),
     )
-    entries = {tile: Tile(name_with(s.name, tile), *cells[tile], s) for tile, s in sets.items()}
+    entries = {tile: _tile(tile, s, cells[tile], _neighbours(tile, set(sets))) for tile, s in inside.items()}
     return Mosaic(texture_set, entries, rows, columns, cutoffs[0])
 
 
 def split(stack: MipStack, mosaic: Mosaic) -> Mapping[int, MipStack]:
-    """The stack of every tile, cut out of the stack of the mosaic: tile number to a complete chain down to 1 x 1 from
-    the size of the tile, clamped.
+    """The stack of every tile, cut out of the stack of the mosaic: tile number to a complete chain down to 1 x 1,
+    clamped.
 
-    Levels that have the tile's texels are cut out exactly: all of a square tile whose side is a power of two. Level 0
-    of a tile of half the size is level 1 of the mosaic. The other levels are looked up in the mosaic's levels where
-    their texels lie, trilinearly, as an engine would. Maps that do not shade are averaged within their tile, so those
-    of a smaller size are made of the tile's own. Opacity that is tested against a cutoff keeps the coverage of each
-    tile.
+    Levels whose texels divide the tile evenly are cut out exactly: all of a square tile whose side is a power of two.
+    The others are looked up in the mosaic's levels where their texels lie, trilinearly, as an engine would. Opacity
+    that is tested against a cutoff keeps the coverage of each tile.
 
     Raises:
         UsageError: the stack is not the stack of the mosaic.
@@ -176,26 +190,29 @@ def split(stack: MipStack, mosaic: Mosaic) -> Mapping[int, MipStack]:
             f"the stack {stack.name} measures {stack.size[1]} x {stack.size[0]} and is not the stack of the mosaic of "
             f"{texture_set.width} x {texture_set.height}: bake the mosaic's texture set"
         )
+    grid = (mosaic.rows, mosaic.columns)
+    exact = _exact_levels(stack.size[0] // mosaic.rows, stack.size[1] // mosaic.columns)
+    promise = stack.provenance.promise
+    if promise is not None:
+        promise = promise.first(exact)
     stacks = {}
     for number, tile in mosaic.tiles.items():
-        own = tile.texture_set
-        found = _matching(_cell_size(stack.size, mosaic), (own.height, own.width))
+        cell = (tile.row, tile.column)
         # What is looked up between texels needs its vectors made unit again; what is cut out stays as it is.
         levels = [
-            level if index < len(found) else material.regularise(level, stack.model)
-            for index, level in enumerate(_cut(stack.levels, mosaic, tile, (own.height, own.width)))
+            level if index < exact else material.regularise(level, stack.model)
+            for index, level in enumerate(_cut(stack.levels, grid, cell))
         ]
-        near = sorted(_neighbours(number, set(mosaic.tiles)))
-        together = f"tile {number} was filtered across its borders with {', '.join(str(n) for n in near)}"
-        made = stack.provenance
+        together = f"tile {number} was filtered across its borders with {', '.join(str(n) for n in tile.near)}"
+        own = hashlib.sha256(f"{stack.provenance.source_hash} {number}".encode()).hexdigest()
         provenance = replace(
-            made,
-            sources={m.source.path.name: m.source.sha256 for m in own.maps.values() if m.source.path},
-            source_hash=hashlib.sha256(f"{made.source_hash} {number}".encode()).hexdigest(),
-            warnings=(*made.warnings, *([f"{together}: bake them together again"] if near else [])),
-            promise=made.promise.part(found[0], len(found)) if made.promise and found else None,
+            stack.provenance,
+            sources=tile.sources,
+            source_hash=own,
+            warnings=(*stack.provenance.warnings, *([f"{together}: bake them together again"] if tile.near else [])),
+            promise=promise,
         )
-        extra = {role: _plain(stack.extra[role], mosaic, tile, each.pixels) for role, each in own.plain_maps.items()}
+        extra = {role: _cut(stack.extra[role], grid, cell) for role in tile.plain_roles}
         if mosaic.alpha_cutoff is not None and "opacity" in extra:
             extra["opacity"] = keeping_coverage(extra["opacity"], mosaic.alpha_cutoff)
         stacks[number] = MipStack(tile.name, stack.model, levels, extra, CLAMPED, provenance)
@@ -205,6 +222,12 @@ def split(stack: MipStack, mosaic: Mosaic) -> Mapping[int, MipStack]:
 def _neighbours(tile: int, among: set[int]) -> list[int]:
     u, v = place(tile)
     return [t for t in among if t != tile and max(abs(place(t)[0] - u), abs(place(t)[1] - v)) == 1]
+
+
+def _tile(number: int, texture_set: TextureSet, cell: tuple[int, int], near: Iterable[int]) -> Tile:
+    sources = {m.source.path.name: m.source.sha256 for m in texture_set.maps.values() if m.source.path}
+    name = name_with(texture_set.name, number)
+    return Tile(name, *cell, tuple(sorted(near)), tuple(texture_set.plain_maps), sources)
 
 
 def _mosaic_map(
@@ -262,8 +285,7 @@ def _size_notes(texture_set: TextureSet, size: tuple[int, int]) -> list[str]:
     if (texture_set.height, texture_set.width) == size:
         return []
     return [
-        f"filtered at {width} x {height} texels, as the largest tile, and written at its own {texture_set.width} x "
-        f"{texture_set.height}"
+        f"resampled from {texture_set.width} x {texture_set.height} to {width} x {height} beside tiles of that size"
     ]
 
 
@@ -288,65 +310,36 @@ def _convention_warnings(sets: Mapping[int, TextureSet]) -> list[str]:
     return [f"normal maps of one set were read differently, {told}: set the normal convention"]
 
 
-def _size_warnings(sets: Mapping[int, TextureSet], shading: tuple[int, int]) -> list[str]:
-    """A sentence for all tiles of a size whose levels are not all levels of the mosaic."""
-    between: dict[tuple[int, int], list[str]] = {}
-    for tile, texture_set in sets.items():
-        size = (texture_set.height, texture_set.width)
-        if len(_matching(shading, size)) < len(level_sizes(*size)):
-            between.setdefault(size, []).append(str(tile))
-    told = []
-    for (height, width), tiles in between.items():
-        exact = len(_matching(shading, (height, width)))
-        which = "the tiles measure" if len(tiles) == len(sets) else f"{listed(tiles)} measure"
-        told.append(
-            f"{which} {width} x {height}: their levels from {exact} on do not divide {_divided(exact, shading)} evenly "
-            "and are looked up between texels of the mosaic, which blurs them slightly; square tiles with a power of "
-            "two as side are cut out exactly"
-        )
-    return told
+def _size_warnings(size: tuple[int, int]) -> list[str]:
+    exact, count = _exact_levels(*size), len(level_sizes(*size))
+    if exact == count:
+        return []
+    return [
+        f"the tiles measure {size[1]} x {size[0]}: their levels from {exact} on do not divide them evenly and are "
+        "looked up between texels of the mosaic, which blurs them slightly; square tiles with a power of two as side "
+        "are cut out exactly"
+    ]
 
 
-def _divided(exact: int, shading: tuple[int, int]) -> str:
-    """What levels do not divide: the tiles, or the largest tile where not even level 0 does."""
-    return "them" if exact else f"the largest tile of {shading[1]} x {shading[0]}"
+def _exact_levels(height: int, width: int) -> int:
+    """How many levels of a tile consist of whole texels of the mosaic's levels."""
+    return sum(1 for level in range(len(level_sizes(height, width))) if not (height | width) & ((1 << level) - 1))
 
 
-def _cell_size(size: Sequence[int], mosaic: Mosaic) -> tuple[int, int]:
-    """(height, width) that every tile has in a mosaic of that size."""
-    return size[0] // mosaic.rows, size[1] // mosaic.columns
-
-
-def _matching(cell: tuple[int, int], tile: tuple[int, int]) -> list[int]:
-    """Levels of the mosaic that are the levels 0, 1, ... of a tile, as far as they consist of whole texels of it.
-
-    Args:
-        cell: (height, width) of a tile in level 0 of the mosaic. tile: of the tile's own level 0.
-    """
-    whole = [level for level in range(len(level_sizes(*cell))) if not (cell[0] | cell[1]) & ((1 << level) - 1)]
-    own = [level for level in whole if (cell[0] >> level, cell[1] >> level) == tile]
-    return whole[own[0] :] if own else []
-
-
-def _plain(levels: Levels, mosaic: Mosaic, tile: Tile, pixels: NDArray[np.float32]) -> Levels:
-    """The chain of a map that does not shade, of which the tile itself has these pixels."""
-    height, width = pixels.shape[:2]
-    if _cell_size(levels[0].shape[:2], mosaic) != (height, width):
-        return filtered_levels(pixels, "box", CLAMPED)
-    return _cut(levels, mosaic, tile, (height, width))
-
-
-def _cut(levels: Levels, mosaic: Mosaic, tile: Tile, size: tuple[int, int]) -> Levels:
-    """The chain of a tile of that size, (height, width), out of the chain of the mosaic."""
-    cell = _cell_size(levels[0].shape[:2], mosaic)
-    found = _matching(cell, size)
+def _cut(
+    chain: Iterable[NDArray[np.float32]], grid: tuple[int, int], cell: tuple[int, int]
+) -> list[NDArray[np.float32]]:
+    """The chain of the tile at `cell` (row, column) out of the chain of the mosaic of `grid` (rows, columns) tiles."""
+    levels = list(chain)
+    height, width = (size // count for size, count in zip(levels[0].shape[:2], grid, strict=True))
+    exact, sizes = _exact_levels(height, width), level_sizes(height, width)
     out = []
-    for index, (rows, columns) in enumerate(level_sizes(*size)):
-        if index < len(found):
-            top, left = tile.row * rows, tile.column * columns
-            part = levels[found[index]][top : top + rows, left : left + columns]
+    for index, (rows, columns) in enumerate(sizes):
+        if index < exact:
+            top, left = cell[0] * rows, cell[1] * columns
+            part = levels[index][top : top + rows, left : left + columns]
         else:
-            part = _trilinear(levels, (mosaic.rows, mosaic.columns), (tile.row, tile.column), cell, (rows, columns))
+            part = _trilinear(levels, grid, cell, (height, width), (rows, columns))
         out.append(np.ascontiguousarray(part))
     return out
 

@@ -166,14 +166,15 @@ def test_tiles_that_touch_may_differ_in_size(tmp_path, side) -> None:
         stack = mipbake.open_stack(out / "rock" / f"stack.{tile}.json")
         assert stack.size == (size, size) and len(stack.levels) == len(halved(size, size))
     by_itself = mipbake.open_stack(out / "alone").extra["height"]
-    assert all((a == b).all() for a, b in zip(stack.extra["height"], by_itself, strict=True))
+    same = [(a == b).all() for a, b in zip(stack.extra["height"], by_itself, strict=True)]
+    assert all(same[:3] if side == 12 else same)  # coarser levels of 12 texels are looked up between texels
     few = ("--lods", "0,1", "--points", "64", "--samples", "8", "--json")
     code, said = run("validate", folder, out, *few)
     assert code == 0
     found = {row["lod"]: row["snr"] for row in json.loads(said)["results"][1]["rows"] if row["method"] == "baked"}
     code, said = run("validate", alone, out / "alone", "--wrap-u", "clamp", "--wrap-v", "clamp", *few)
     wanted = {row["lod"]: row["snr"] for row in json.loads(said)["results"][0]["rows"] if row["method"] == "baked"}
-    assert all(found[lod] > wanted[lod] - 2 for lod in wanted)
+    assert all(found[lod] > wanted[lod] - 1 for lod in wanted)
     assert bake(folder, "-o", out, "--format", "png", "--keep-level0")[0] == 0
     for path in folder.glob("*_roughness.*"):
         written = out / "rock" / f"{path.stem}_mip00.png"

@@ -15,10 +15,9 @@ from mipbake.errors import InputError, UsageError
 from mipbake.fill import fill
 from mipbake.io.tiles import place, tile_options, tiles_of
 from mipbake.pixel_filter import filter_named, level_sizes
-from mipbake.prefilter.promise import BetweenPromise, LevelPromise, Promise
 from mipbake.stack import MipStack
 from mipbake.texture_set import LoadOptions, TextureSet
-from mipbake.udim import Mosaic, islands, joined, split
+from mipbake.udim import Mosaic, islands, joined, mosaics, split
 
 from .input_files import bytes_of, encoded, height_field, pixels_for, write_image
 
@@ -244,54 +243,38 @@ def test_levels_that_do_not_divide_lie_where_they_should() -> None:
         assert shading == pytest.approx(np.broadcast_to(expected, shading.shape), abs=1e-4)
 
 
-def test_smaller_tiles_are_filtered_with_the_largest_and_missing_maps_replaced() -> None:
+def test_smaller_tiles_are_resampled_and_missing_maps_replaced() -> None:
     full = constant_tile(0.3, 16, height=np.full((4, 4), 0.7), occlusion=0.5, anisotropy=np.full((16, 16, 3), 0.6))
     mosaic, stacks = baked({1001: constant_tile(0.5, 8), 1002: full})
     texture = mosaic.texture_set
     assert (texture.height, texture.width) == (16, 32)
-    assert any("1001: filtered at 16 x 16 texels, as the largest tile" in note for note in texture.notes)
+    assert any("1001: resampled from 8 x 8 to 16 x 16" in note for note in texture.notes)
     assert any(note.startswith("1001: no occlusion map") for note in texture.notes)
     assert (texture.maps["occlusion"].pixels[:, :1] == 1).all()
     assert texture.maps["height"].pixels == pytest.approx(0.7)
     assert (texture.maps["anisotropy"].pixels[:, :16, 2] == 0).all()
-    assert set(stacks[1001].extra) == set()
-    assert set(stacks[1002].extra) == {"occlusion", "height"}
+    assert set(stacks) == {1002} and set(stacks[1002].extra) == {"occlusion", "height"}
     assert stacks[1002].extra["height"][0].shape == (4, 4, 1)
     assert {stack.model for stack in stacks.values()} == {"gltf-anisotropic"}
 
 
-def test_a_smaller_tile_begins_with_the_level_of_its_own_texels() -> None:
+def test_tiles_that_differ_in_size_are_baked_at_their_own() -> None:
     """A ramp over two tiles, the right one stored with half the texels: levels of one footprint continue each other."""
     ramp = np.broadcast_to(np.linspace(0.2, 0.8, 64), (32, 64))
-    flat = np.broadcast_to([0.0, 0, 1], (32, 64, 3))
-    whole = {1001: ramp[:, :32], 1002: ramp[:, 32:]}
-    halves = whole[1002].reshape(16, 2, 16, 2).mean((1, 3))
-    sets = {
-        tile: TextureSet.from_arrays("wood", wrap=("clamp", "clamp"), normal=flat[: len(r), : len(r)], roughness=r)
-        for tile, r in {1001: whole[1001], 1002: halves}.items()
-    }
-    mosaic = joined(sets)
-    promised = promised_by(len(level_sizes(32, 64)))
-    stack = mipbake.bake(mosaic.texture_set, method="linear")
-    stacks = split(replace(stack, provenance=replace(stack.provenance, promise=promised)), mosaic)
-    assert [level.shape[:2] for level in stacks[1002].levels] == level_sizes(16, 16)
+    halves = ramp[:, 32:].reshape(16, 2, 16, 2).mean((1, 3))
+    sets = {}
+    for tile, roughness in {1001: ramp[:, :32], 1002: halves}.items():
+        flat = np.full((*roughness.shape, 3), [0, 0, 1])
+        sets[tile] = TextureSet.from_arrays("wood", wrap=("clamp", "clamp"), normal=flat, roughness=roughness)
+    stacks: dict[int, MipStack] = {}
+    for mosaic in mosaics(sets):
+        stacks |= split(mipbake.bake(mosaic.texture_set, method="linear"), mosaic)
+    for tile, side in ((1001, 32), (1002, 16)):
+        assert [level.shape[:2] for level in stacks[tile].levels] == level_sizes(side, side)
     for level in range(1, 4):
         both = np.concatenate([stacks[1001].levels[level], stacks[1002].levels[level - 1]], 1)[..., 4]
         steps = np.diff(both[:, 2:-2], axis=1)
         assert steps == pytest.approx(np.full(steps.shape, 2**level * 0.6 / 63), rel=0.1)
-    for tile, first in ((1001, 0), (1002, 1)):
-        promise = stacks[tile].provenance.promise
-        assert promise is not None
-        assert [(each.level, each.refined) for each in promise.levels] == [(i, i + first) for i in range(6 - first)]
-        assert [each.lod for each in promise.between] == [i + 0.5 for i in range(5 - first)]
-
-
-def promised_by(count: int) -> Promise:
-    """A promise of so many levels, whose `refined` is the number of the level in the mosaic."""
-    figures = [{"near": 1.0}, {"near": 1.0}, {"near": "lean"}, {"near": 1.0}, {"near": 1.0}]
-    levels = tuple(LevelPromise(*figures, i, ("lean",), float(i)) for i in range(count))  # type: ignore[arg-type]
-    between = tuple(BetweenPromise(*figures, i + 0.5) for i in range(count - 1))  # type: ignore[arg-type]
-    return Promise(levels, 64, 64, (), between)
 
 
 def test_carried_channels_go_through_and_are_1_where_a_tile_lacks_them() -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Literal, TypeAlias
 
 from mipbake import memory
-from mipbake.adjust import adjusted, with_own_level0
+from mipbake.adjust import adjusted
 from mipbake.bake import STOPPED, bake_in_sitting, resolve_target
 from mipbake.baking.options import Asked
 from mipbake.baking.recipe import Ingredients, stopped
@@ -18,13 +18,14 @@ from mipbake.compare.checking import Check
 from mipbake.compare.compression import chosen, chosen_all, part_of
 from mipbake.compare.costs import Cost
 from mipbake.compare.ranges import chosen_ranges
+from mipbake.content import Recipe
 from mipbake.found import file_hashes, set_report
 from mipbake.glb import Encoded, encoded, multiple_of_side, output
 from mipbake.io.gltf.slots import BASE
 from mipbake.io.publish import IsOurs
 from mipbake.io.sources import Discovery
 from mipbake.io.tiles import FIRST
-from mipbake.jobs import Job
+from mipbake.jobs import Job, Read
 from mipbake.manifest import check_output, is_replaceable, is_stack_folder
 from mipbake.material import MODELS
 from mipbake.output import GLB_TEXELS, block_warnings, check_outputs
@@ -105,11 +106,19 @@ def bake_job(run: Run, job: Job, place: Path, out: Path) -> list[BakedSet]:
     _check_memory(asked.options.method, sources)
     with listener.timings(job.source.name) as reading:
         reading("read", 0.0)
-        read = job.read(multiple_of_side) if asked.wants_glb(job) else job.read()
+        reads = job.read(multiple_of_side) if asked.wants_glb(job) else job.read()
         reading("read", 1.0)
-    for texture_set in read.sets.values():
+    sets = [each for read in reads for each in read.sets.values()]
+    for texture_set in sets:
         run.check_output(place / texture_set.name, file_hashes(texture_set))
-    listener.read(job, list(read.sets.values()))
+    listener.read(job, sets)
+    recipe = run.ingredients.recipe(job, sources, sets)
+    return [baked for read in reads for baked in _bake(run, job, read, recipe, reading, place, out)]
+
+
+def _bake(run: Run, job: Job, read: Read, recipe: Recipe, reading: Timings, place: Path, out: Path) -> list[BakedSet]:
+    """Bakes what is baked at once, and writes its stacks."""
+    asked, listener = run.asked, run.listener
     whole = read.texture_set
     model = resolve_target(whole, asked.target)
     check_outputs(asked.outputs, model)
@@ -118,7 +127,7 @@ def bake_job(run: Run, job: Job, place: Path, out: Path) -> list[BakedSet]:
     options = asked.options
     with listener.timings(whole.name) as baking:
         baking.seconds.update(reading.seconds)
-        checkpoint = checkpoint_of(job, out) if run.keeps else None
+        checkpoint = checkpoint_of(job, read, out) if run.keeps else None
         baked, was_stopped = bake_in_sitting(
             whole,
             options.method,
@@ -133,23 +142,21 @@ def bake_job(run: Run, job: Job, place: Path, out: Path) -> list[BakedSet]:
             Sitting(checkpoint, listener.descending, listener.note),
         )
         baked = adjusted(baked, whole, asked.adjustments)
-        recipe = run.ingredients.recipe(job, sources, read.sets.values())
         recipe = stopped(recipe) if was_stopped else recipe
         baked = replace(baked, provenance=replace(baked.provenance, recipe=recipe))
         told = [_left_over(checkpoint)] if was_stopped else []
-        made = []
-        for texture_set, stack in read.stacks(baked):
-            smaller = stack.size != read.cell
-            own = with_own_level0(stack, texture_set, asked.adjustments) if smaller else stack
-            made.append(_write(run, job, texture_set, own, place / texture_set.name, baking, told))
+        made = [
+            _write(run, job, texture_set, stack, place / texture_set.name, baking, told)
+            for texture_set, stack in read.stacks(baked)
+        ]
     if checkpoint is not None and not was_stopped:
         discard(checkpoint)
     return made
 
 
-def checkpoint_of(job: Job, out: Path) -> Path:
-    """The folder that the search of a job is kept in, beside its result."""
-    return out / f".{'.'.join(filter(None, (job.place, next(iter(job.names.values())))))}{SEARCH}"
+def checkpoint_of(job: Job, read: Read, out: Path) -> Path:
+    """The folder that a search of a job is kept in, beside its result."""
+    return out / f".{'.'.join(filter(None, (job.place, job.names[next(iter(read.sets))])))}{SEARCH}"
 
 
 def _left_over(checkpoint: Path | None) -> str:

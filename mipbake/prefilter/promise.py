@@ -92,14 +92,9 @@ class Promise:
             f"{min(gains):+.1f} to {max(gains):+.1f} dB, {middle:+.1f} in the mean (standard error {error:.1f} at most)"
         )
 
-    def part(self, start: int, count: int) -> Promise:
-        """The promise for some levels of the stack, as a stack that begins with the first of them has it."""
-        end = start + count
-        return replace(
-            self,
-            levels=tuple(replace(each, level=each.level - start) for each in self.levels if start <= each.level < end),
-            between=tuple(replace(each, lod=each.lod - start) for each in self.between if start < each.lod < end - 1),
-        )
+    def first(self, count: int) -> Promise:
+        """The promise for the first levels of the stack alone."""
+        return replace(self, levels=self.levels[:count], between=self.between[: max(0, count - 1)])
 
 
 def promise_from(content: object) -> Promise | None:
