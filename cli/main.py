@@ -14,7 +14,6 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from mipbake import memory
 from mipbake._allocator import keep_freed_memory
 from mipbake._extras import told_of
 from mipbake.cli.commands import Commands
@@ -162,6 +161,8 @@ def _stopped_message(code: int, kept: Path | None) -> str:
 
 def _unforeseen(session: Session, error: Exception) -> int:
     """Says what an error that is not mipbake's own means, and returns the exit code."""
+    from mipbake import memory
+
     wanting = told_of(error) if isinstance(error, ModuleNotFoundError) else None
     if wanting is not None:
         return session.fail(wanting, EXIT_USAGE)

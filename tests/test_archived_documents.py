@@ -48,6 +48,7 @@ def wood(folder: Path, **inputs: str) -> Path:
     return document(folder, surface(image("base", "color3", "a.png"), base_color="base"))
 
 
+@pytest.mark.long
 def test_a_gltf_in_an_archive_is_baked_as_it_is_in_a_folder(
     scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -62,6 +63,7 @@ def test_a_gltf_in_an_archive_is_baked_as_it_is_in_a_folder(
     assert tree(tmp_path / "in") == ["scene.zip"] and tree(tmp_path / "scratch") == []
 
 
+@pytest.mark.long
 def test_what_was_baked_from_a_document_in_an_archive_is_validated(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -86,6 +88,7 @@ def test_python_reads_documents_in_archives(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found.maps["base_color"].pixels, wanted.maps["base_color"].pixels)
 
 
+@pytest.mark.long
 def test_every_source_of_an_archive_is_read_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Maps that a document names are of no set of their own, whatever their names and their folder."""
     inside = tmp_path / "in"
@@ -151,6 +154,7 @@ def test_material_documents_that_look_out_of_their_archive_are_refused(
     assert f"{tmp_path}/wood.zip/wood.mtlx" in said
 
 
+@pytest.mark.long
 def test_what_lies_beside_a_document_counts_as_unpacked(scene: Path, tmp_path: Path) -> None:
     (scene / "the buffer.bin").write_bytes(bytes(1 << 28))
     archive = zipped(tmp_path / "scene.zip", scene)

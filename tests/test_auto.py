@@ -129,12 +129,14 @@ def gains_over_plain(made: PrefilterResult, stored: np.ndarray) -> list[float]:
     return gains
 
 
+@pytest.mark.long
 def test_nowhere_behind_a_closed_form_and_ahead_in_the_mean(two: np.ndarray, solved: PrefilterResult) -> None:
     gains = gains_over_plain(solved, two)
     assert min(gains) > 0.9, gains  # mean 1.93, standard deviation 0.26
     assert np.mean(gains) > 5.4  # mean 6.81, standard deviation 0.34
 
 
+@pytest.mark.long
 def test_snr_is_far_above_plain_rules_at_the_default_aim_in_the_mean(two: np.ndarray) -> None:
     made = Auto(effort=SMALL, descent=SHORT)(two, "gltf", "gltf", "gaussian", WRAP, lambda _: None)
     gains = gains_over_plain(made, two)
@@ -142,6 +144,7 @@ def test_snr_is_far_above_plain_rules_at_the_default_aim_in_the_mean(two: np.nda
     assert np.mean(gains) > 1.0  # mean 3.56, standard deviation 0.64
 
 
+@pytest.mark.long
 def test_the_promise_is_what_others_measure(two: np.ndarray, solved: PrefilterResult) -> None:
     """Standard errors of single figures come from four groups of pairs, too few to tell what is far: all figures are
     held against what others measure at once."""
@@ -160,6 +163,7 @@ def test_the_promise_is_what_others_measure(two: np.ndarray, solved: PrefilterRe
     assert np.sqrt(np.mean(np.square([*off.values()]))) < 1.8, off  # mean 0.98, standard deviation 0.20
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("model", material.MODELS)
 def test_a_constant_material_is_left_alone(model: str) -> None:
     gltf = np.array([0.2, 0.4, 0.6, 1, 0.35, 0.3, 0, np.sqrt(0.91)], np.float32)
@@ -176,6 +180,7 @@ def test_a_black_material_is_fine() -> None:
         assert np.isfinite(level).all()
 
 
+@pytest.mark.long
 def test_blends_that_went_wrong_are_not_kept(two: np.ndarray) -> None:
     """What is kept of them is nowhere far behind both the best closed form and the ingredients that are safe."""
     task = Problem(two, "gltf", "gltf", "gaussian", WRAP)
@@ -268,6 +273,7 @@ def test_scattering_is_the_adjoint_of_looking_up(boundary: tuple[str, str]) -> N
     assert (seen * values).sum(dtype=float) == pytest.approx((back * level).sum(dtype=float), rel=1e-4)
 
 
+@pytest.mark.long
 def test_ingredients_that_would_take_too_long_are_left_out(two: np.ndarray) -> None:
     """All but the base where time is over; of the others those that are expected in time."""
     task = Problem(two, "gltf", "gltf", "gaussian", WRAP)
@@ -283,6 +289,7 @@ def test_ingredients_that_would_take_too_long_are_left_out(two: np.ndarray) -> N
     assert names and not any(name.split()[0] in slow for name in names)
 
 
+@pytest.mark.long
 def test_a_deadline_that_all_can_meet_changes_nothing(two: np.ndarray) -> None:
     task = Problem(two, "gltf", "gltf", "gaussian", WRAP)
     ingredients = list(closed_forms(task))
@@ -293,6 +300,7 @@ def test_a_deadline_that_all_can_meet_changes_nothing(two: np.ndarray) -> None:
     assert all(np.array_equal(a, b) for a, b in zip(made.levels, whole.levels, strict=True))
 
 
+@pytest.mark.long
 def test_a_budget_that_is_too_short_for_the_ingredients_says_which_would_do(two: np.ndarray) -> None:
     told: list[str] = []
     for budget in ("0.001s", "1h"):
@@ -306,11 +314,13 @@ def test_a_budget_that_is_too_short_for_the_ingredients_says_which_would_do(two:
     )
 
 
+@pytest.mark.long
 def test_weights_are_named_only_where_the_network_has_a_share(solved: PrefilterResult) -> None:
     assert solved.weights is not None
     assert run("optimum", material_of_two(8)).weights is None
 
 
+@pytest.mark.long
 def test_refining_gains_on_pairs_it_never_saw_and_says_so(two: np.ndarray) -> None:
     """Beside the blend that it starts from. What `auto` gives for so small a set is refined already."""
     blended = Auto(effort=SMALL, descent=replace(SHORT, rounds=0))(
@@ -362,12 +372,14 @@ def test_without_time_the_blend_stays(two: np.ndarray) -> None:
     )
 
 
+@pytest.mark.long
 def test_results_hang_on_the_seed_alone() -> None:
     stored = material_of_two(8)
     one, again = (run("auto", stored).levels for _ in range(2))
     assert all(np.array_equal(a, b) for a, b in zip(one, again, strict=True))
 
 
+@pytest.mark.long
 def test_models_without_weights_blend_closed_forms_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     hide_defaults(monkeypatch)
     stored = material_of_two(8)
@@ -380,6 +392,7 @@ def test_models_without_weights_blend_closed_forms_alone(monkeypatch: pytest.Mon
         method_named("auto", weights=info.name)(stored, "gltf", "beckmann", "mitchell", WRAP, lambda _: None)
 
 
+@pytest.mark.long
 def test_the_promise_is_kept_in_files(tmp_path) -> None:
     stored = material_of_two(8)
     texture_set = TextureSet.from_arrays(
@@ -422,6 +435,7 @@ def test_promises_of_other_shapes_are_refused() -> None:
             promise_from(wrong)
 
 
+@pytest.mark.long
 def test_a_search_adds_up_in_one_order_on_any_number_of_cores(two: np.ndarray) -> None:
     threads = set()
 

@@ -29,6 +29,7 @@ def sources(tmp_path: Path) -> list[Path]:
     return [two_textures(png("normal n"), png("mr")).write(tmp_path / "scene"), write_set(tmp_path / "metal")]
 
 
+@pytest.mark.long
 def test_it_writes_what_the_command_writes(sources: list[Path], tmp_path: Path) -> None:
     made = mipbake.bake_all(sources, tmp_path / "python", method="linear", preset="three")
     asked = ["--method", "linear", "--preset", "three", "--quiet"]
@@ -103,6 +104,7 @@ def test_a_listener_hears_what_happens(sources: list[Path], tmp_path: Path) -> N
     assert isinstance(made[0], mipbake.BakedSet) and {"read", "write"} <= set(made[0].seconds)
 
 
+@pytest.mark.long
 def test_the_call_of_the_page_runs(sources: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (code,) = [c for c in re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.S) if "bake_all" in c]
     monkeypatch.chdir(tmp_path)

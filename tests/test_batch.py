@@ -29,6 +29,7 @@ __all__ = ["inline_workers", "small_library"]
 """Fixtures."""
 
 
+@pytest.mark.long
 def test_what_has_not_changed_is_not_looked_into(library: Path, inline: Inline) -> None:
     assert counts(bake(library)) == (2, 0, 0)
     out = library.parent / "out"
@@ -39,6 +40,7 @@ def test_what_has_not_changed_is_not_looked_into(library: Path, inline: Inline) 
     assert counts(bake(library, force=True)) == (2, 0, 0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("with_list", [True, False])
 def test_what_killed_processes_left_beside_unchanged_results_goes(
     library: Path, inline: Inline, with_list: bool
@@ -73,6 +75,7 @@ def test_a_result_that_was_moved_aside_comes_back_unchanged(library: Path, inlin
     assert (library.parent / "out/wood/stack.json").is_file()
 
 
+@pytest.mark.long
 def test_results_are_those_of_a_bake_without_a_batch(library: Path, inline: Inline) -> None:
     bake(library)
     mipbake.bake_all(library / "wood", library.parent / "alone", LINEAR)
@@ -101,6 +104,7 @@ def test_a_file_that_was_just_written_is_looked_into(
     assert inline.labels == ["metals/steel", "wood"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("with_list", [True, False])
 def test_one_map_changes(library: Path, inline: Inline, with_list: bool) -> None:
     bake(library)
@@ -113,6 +117,7 @@ def test_one_map_changes(library: Path, inline: Inline, with_list: bool) -> None
     assert only(summary, BakedSet).source == library / "wood"
 
 
+@pytest.mark.long
 def test_all_maps_change(library: Path, inline: Inline) -> None:
     """Somebody exports a set anew. Alone, a bake would take it for another set of the same name."""
     bake(library)
@@ -131,6 +136,7 @@ def test_another_set_of_that_name_is_not_written_over(library: Path, inline: Inl
     assert "of other source files" in str(only(summary, NotBaked).error) and summary.exit_code == 4
 
 
+@pytest.mark.long
 def test_a_map_more_and_a_file_more(library: Path, inline: Inline) -> None:
     bake(library)
     (library / "wood/readme.txt").write_text("oak")
@@ -142,6 +148,7 @@ def test_a_map_more_and_a_file_more(library: Path, inline: Inline) -> None:
     assert counts(bake(library)) == (1, 1, 0)
 
 
+@pytest.mark.long
 def test_other_options_and_other_ways_to_read(library: Path, inline: Inline) -> None:
     bake(library)
     assert counts(bake(library, replace(LINEAR, strength=0.5))) == (2, 0, 0)
@@ -174,6 +181,7 @@ def test_a_dry_run_says_what_cannot_be_written(library: Path, inline: Inline) ->
     assert (out / "wood" / "notes.txt").exists()
 
 
+@pytest.mark.long
 def test_a_dry_run_says_why_and_writes_nothing(library: Path, inline: Inline) -> None:
     out = library.parent / "out"
     assert {each.why for e in bake(library, dry_run=True).entries for each in e.results} == {"there is no result yet"}
@@ -216,6 +224,7 @@ def test_a_dry_run_says_why_and_writes_nothing(library: Path, inline: Inline) ->
     assert counts(bake(library)) == (1, 1, 0)
 
 
+@pytest.mark.long
 def test_archives_documents_and_tiles(tmp_path: Path, inline: Inline) -> None:
     root = tmp_path / "lib"
     write_set(tmp_path / "packed" / "one")
@@ -246,6 +255,7 @@ def test_archives_documents_and_tiles(tmp_path: Path, inline: Inline) -> None:
     assert (third.documents, third.unchanged) == (1, 3)
 
 
+@pytest.mark.long
 def test_an_entry_that_fails_keeps_none_from_being_baked(library: Path, inline: Inline) -> None:
     (library / "broken").mkdir()
     write_png(library / "broken/normal.png", np.tile(np.uint8([128, 128, 255]), (16, 16, 1)))
@@ -307,6 +317,7 @@ def test_a_result_with_a_defect_is_told_in_the_same_way_again(
     assert [str(each.error) for each in again.failures] == ["one; two"] * 2
 
 
+@pytest.mark.long
 def test_shards_are_the_library(library: Path, inline: Inline) -> None:
     for name in ("brass", "copper", "tin"):
         write_set(library / "more" / name)
@@ -326,6 +337,7 @@ def test_shards_are_the_library(library: Path, inline: Inline) -> None:
     assert counts(bake(library, shard=Shard(2, 3))) == (0, 2, 0) and inline.labels == []
 
 
+@pytest.mark.long
 def test_a_set_that_comes_into_another_shard_is_still_its_own(library: Path, inline: Inline) -> None:
     """Its list does not know it, and its maps are others: the lists beside it tell that the place is free."""
     for number in (1, 2):

@@ -71,6 +71,7 @@ def counts(summary: Summary) -> tuple[int, int, int]:
     return summary.baked, summary.unchanged, len(summary.failures)
 
 
+@pytest.mark.long
 def test_results_are_those_of_one_machine(tmp_path: Path, machines: Cluster, monkeypatch: pytest.MonkeyPatch) -> None:
     """Paths may be relative: machines of a cluster have working directories of their own."""
     write_library(tmp_path / "lib", 4)
@@ -98,6 +99,7 @@ def test_the_command(tmp_path: Path, machines: Cluster, capsys: pytest.CaptureFi
     assert "found 2 sources, baking with 2 processes" in told and "1 set baked, 0 unchanged, 1 failed" in told
 
 
+@pytest.mark.long
 def test_files_are_sent_where_they_are_not_seen(
     tmp_path: Path, machines: Cluster, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -114,6 +116,7 @@ def test_files_are_sent_where_they_are_not_seen(
     assert content(Path("out")) == content(Path("calm"))
 
 
+@pytest.mark.long
 def test_what_is_sent_does_not_replace_what_is_not_its_own(tmp_path: Path, machines: Cluster) -> None:
     write_set(tmp_path / "lib" / "steel")
     (tmp_path / "out" / "steel").mkdir(parents=True)
@@ -123,6 +126,7 @@ def test_what_is_sent_does_not_replace_what_is_not_its_own(tmp_path: Path, machi
     assert tree(tmp_path / "out" / "steel") == ["notes.txt"]
 
 
+@pytest.mark.long
 def test_an_archive_a_document_and_tiles_are_sent(tmp_path: Path, machines: Cluster) -> None:
     import shutil
 
@@ -160,6 +164,7 @@ def at_work() -> list[int]:
     return found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("apart", [False, True])
 def test_what_a_process_leaves_when_it_is_killed_is_done_by_others(
     tmp_path: Path, machines: Cluster, apart: bool
@@ -187,6 +192,7 @@ def test_what_a_process_leaves_when_it_is_killed_is_done_by_others(
     assert not [name for name in tree(out) if name.endswith((PARTIAL, OLD))]
 
 
+@pytest.mark.long
 def test_what_a_machine_leaves_when_it_goes_is_done_by_others(tmp_path: Path, machines: Cluster) -> None:
     library = write_library(tmp_path / "lib", 4)
     third = machines.add_node(**_NODE)
@@ -221,6 +227,7 @@ def test_paths_are_moved_where_they_are_paths() -> None:
     assert moved(InputError("/a/p/steel: no"), places).args == ("steel: no",)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("apart", [False, True])
 def test_links_and_other_folders(
     tmp_path: Path, machines: Cluster, monkeypatch: pytest.MonkeyPatch, apart: bool
@@ -261,6 +268,7 @@ def slow() -> None:
     time.sleep(60)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_it_soon(tmp_path: Path, machines: Cluster, number: int) -> None:
     """Also where nothing comes from the cluster, because it is at work for others."""
@@ -309,6 +317,7 @@ def test_a_dry_run_needs_no_cluster(tmp_path: Path) -> None:
     assert bake_library(library, tmp_path / "out", LINEAR, None, options).planned == 1
 
 
+@pytest.mark.long
 def test_broken_files_are_told_of_with_the_paths_of_the_user(
     tmp_path: Path, machines: Cluster, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -44,6 +44,7 @@ def test_the_rule(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytes
     assert "--depfile-for is the name" in fails(capsys, 2, "bake", "my textures", "-o", "o", "--depfile-for", "s")
 
 
+@pytest.mark.long
 @pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed")
 @pytest.mark.parametrize("tool", ["make", "ninja"])
 def test_names_that_tools_write_otherwise(tmp_path: Path, tool: str) -> None:
@@ -97,6 +98,7 @@ def builds(folder: Path) -> bool:
     return "no work to do" not in run.stdout
 
 
+@pytest.mark.long
 @pytest.mark.skipif(shutil.which("ninja") is None, reason="ninja is not installed")
 def test_ninja_bakes_what_has_changed(tmp_path: Path) -> None:
     write_set(tmp_path / "lib" / "wood")
@@ -118,6 +120,7 @@ def test_ninja_bakes_what_has_changed(tmp_path: Path) -> None:
     assert not builds(tmp_path)
 
 
+@pytest.mark.long
 @pytest.mark.skipif(shutil.which("ninja") is None, reason="ninja is not installed")
 def test_ninja_bakes_where_the_project_file_has_changed(tmp_path: Path) -> None:
     write_set(tmp_path / "lib" / "wood")
@@ -135,6 +138,7 @@ def test_ninja_bakes_where_the_project_file_has_changed(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "out/wood/stack.json").read_text())["provenance"]["adjustments"]
 
 
+@pytest.mark.long
 @pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed")
 def test_make_is_quiet_after_a_file_came_and_went(tmp_path: Path) -> None:
     write_set(tmp_path / "lib" / "wood")
@@ -171,6 +175,7 @@ def test_a_dry_run_writes_no_rule(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert "a dry run bakes nothing that --depfile could tell of" in fails(capsys, 2, *base)
 
 
+@pytest.mark.long
 def test_weights_are_part_of_the_rule(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     for name in ("a", "b"):

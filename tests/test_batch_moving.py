@@ -45,6 +45,7 @@ def without(root: Path, name: str) -> None:
     aged(root, 5.0)
 
 
+@pytest.mark.long
 def test_one_of_two_sets_is_gone(two: Path, inline: Inline) -> None:
     bake(two)
     assert stacks(two) == {"bricks/Old", "bricks/New", "wood"}
@@ -56,6 +57,7 @@ def test_one_of_two_sets_is_gone(two: Path, inline: Inline) -> None:
     assert counts(bake(two)) == (0, 2, 0)
 
 
+@pytest.mark.long
 def test_a_second_set_is_added(two: Path, inline: Inline) -> None:
     without(two, "New")
     bake(two)
@@ -84,6 +86,7 @@ def test_a_stack_stays_until_what_takes_its_place_is_baked(two: Path, inline: In
     assert counts(bake(two)) == (0, 1, 2) and stacks(two) == {"bricks", "wood"}
 
 
+@pytest.mark.long
 def test_what_takes_a_place_leaves_what_is_not_known(two: Path, inline: Inline) -> None:
     bake(two)
     without(two, "New")
@@ -96,6 +99,7 @@ def test_what_takes_a_place_leaves_what_is_not_known(two: Path, inline: Inline) 
     assert stacks(two) == {"bricks/Old", "bricks/New", "bricks/other/wood", "wood"}
 
 
+@pytest.mark.long
 def test_a_stack_of_another_source_is_no_place_for_others(two: Path, inline: Inline) -> None:
     main(["bake", str(two / "wood"), "-o", str(two.parent / "out/bricks/.."), "--method", "linear", "--format", "png"])
     (two.parent / "out/wood").rename(two.parent / "out/bricks")
@@ -104,6 +108,7 @@ def test_a_stack_of_another_source_is_no_place_for_others(two: Path, inline: Inl
     assert all("holds a stack of another source, remove it" in str(each.error) for each in failed.failures)
 
 
+@pytest.mark.long
 def test_a_folder_gets_folders_of_sets(tmp_path: Path, inline: Inline) -> None:
     root = tmp_path / "lib"
     write_set(root / "steel")
@@ -119,6 +124,7 @@ def told(root: Path, capsys: pytest.CaptureFixture[str]) -> str:
     return capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_a_tile_that_is_gone_leaves_the_result(tmp_path: Path, inline: Inline) -> None:
     root = tmp_path / "lib"
     for tile in (1001, 1002, 1021):
@@ -136,6 +142,7 @@ def test_a_tile_that_is_gone_leaves_the_result(tmp_path: Path, inline: Inline) -
     assert counts(bake(root))[0] == 0
 
 
+@pytest.mark.long
 def test_batches_tell_what_belongs_to_no_set(two: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_png(two / "bricks" / "Other_Height.png", np.zeros((16, 16), np.uint8))
     assert "1 warning" in told(aged(two), capsys)
@@ -144,6 +151,7 @@ def test_batches_tell_what_belongs_to_no_set(two: Path, capsys: pytest.CaptureFi
     assert capsys.readouterr().out.count("belongs to none of the sets, and is left out") == 1
 
 
+@pytest.mark.long
 def test_results_whose_sources_are_gone_are_told_of(
     two: Path, inline: Inline, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -176,6 +184,7 @@ def test_a_place_that_another_source_has_taken_is_no_result_without_one(
     assert "no source any more" not in told(root, capsys)
 
 
+@pytest.mark.long
 def test_one_of_two_sets_without_files_is_told_of_and_patterns_are_not(
     two: Path, inline: Inline, capsys: pytest.CaptureFixture[str]
 ) -> None:

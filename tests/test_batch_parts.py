@@ -71,6 +71,7 @@ def test_results_are_those_of_a_bake_of_the_folder(flat: Path, inline: Inline) -
     assert contents(one) == contents(other) != {}
 
 
+@pytest.mark.long
 def test_results_of_tiles_are_those_of_a_bake_of_the_folder(tmp_path: Path, inline: Inline) -> None:
     root = tmp_path / "lib"
     for name in ("Body", "Head"):
@@ -84,6 +85,7 @@ def test_results_of_tiles_are_those_of_a_bake_of_the_folder(tmp_path: Path, inli
     assert {path.name for path in other.iterdir()} == {"Body", "Head"}
 
 
+@pytest.mark.long
 def test_one_set_changes_or_is_added(flat: Path, inline: Inline) -> None:
     bake(flat)
     inline.labels.clear()
@@ -95,6 +97,7 @@ def test_one_set_changes_or_is_added(flat: Path, inline: Inline) -> None:
     assert told["name"] == "Head"
 
 
+@pytest.mark.long
 def test_nothing_but_a_changed_set_is_looked_into(flat: Path, inline: Inline) -> None:
     bake(flat)
     write_maps(flat / "props", "Head", 200)
@@ -102,6 +105,7 @@ def test_nothing_but_a_changed_set_is_looked_into(flat: Path, inline: Inline) ->
     assert inline.labels == ["props/Head"]
 
 
+@pytest.mark.long
 def test_what_cannot_be_read_keeps_no_other_of_its_folder(flat: Path, inline: Inline) -> None:
     (flat / "props/Head_Normal.png").write_bytes(b"no image")
     summary = bake(flat)
@@ -111,6 +115,7 @@ def test_what_cannot_be_read_keeps_no_other_of_its_folder(flat: Path, inline: In
     assert "Head_Normal.png" in str(failed.failures[0].error)
 
 
+@pytest.mark.long
 def test_options_of_one_set(flat: Path, inline: Inline) -> None:
     def choose(label: str) -> Chosen:
         return Chosen(LINEAR, LoadOptions(normal_convention="directx") if label == "props/Head" else READ)
@@ -120,6 +125,7 @@ def test_options_of_one_set(flat: Path, inline: Inline) -> None:
     assert counts(again) == (1, 3, 0) and inline.labels.count("props/Head") == 1
 
 
+@pytest.mark.long
 def test_patterns_of_maps_tell_sets_apart(tmp_path: Path, inline: Inline) -> None:
     root = tmp_path / "lib"
     for name in ("Body", "Head"):
@@ -132,6 +138,7 @@ def test_patterns_of_maps_tell_sets_apart(tmp_path: Path, inline: Inline) -> Non
     assert counts(summary) == (2, 0, 0)
 
 
+@pytest.mark.long
 def test_a_choice_that_does_not_fit_one_of_the_sets(flat: Path, inline: Inline) -> None:
     def choose(label: str) -> Chosen:
         maps = {"normal": "Left_Arm_*.png"} if label == "props/Left_Arm" else {}
@@ -153,6 +160,7 @@ def test_shards_divide_the_sets_of_a_folder(flat: Path) -> None:
     assert part(1) == ["props/Body", "props/Left_Arm"] and part(2) == ["props/Head", "wood"]
 
 
+@pytest.mark.long
 def test_a_set_in_a_folder_and_a_folder_of_its_name(flat: Path, inline: Inline) -> None:
     write_maps(flat / "props/Body", "b")
     aged(flat)
@@ -162,6 +170,7 @@ def test_a_set_in_a_folder_and_a_folder_of_its_name(flat: Path, inline: Inline) 
     assert len(list((flat.parent / "out").rglob("stack.json"))) == 5
 
 
+@pytest.mark.long
 def test_folders_of_one_set_and_stacks_are_left_whole(flat: Path) -> None:
     assert parts_of(flat / "wood", READ) == []
     mipbake.bake_all(flat / "props", flat.parent / "out", LINEAR)

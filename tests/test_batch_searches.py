@@ -71,6 +71,7 @@ def sittings(monkeypatch: pytest.MonkeyPatch, cut_off: bool = False, told: list[
     return found
 
 
+@pytest.mark.long
 def test_a_search_goes_on_in_the_next_batch(library: Path, inline: Inline, monkeypatch: pytest.MonkeyPatch) -> None:
     whole, out = library.parent / "whole", library.parent / "out"
     assert counts(bake_library(library, whole, REFINE)) == (1, 0, 0)

@@ -26,6 +26,7 @@ __all__ = ["inline_workers", "small_library"]
 """Fixtures."""
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("damage", [b"", b"no database at all" * 100, None])
 def test_the_list_is_a_shortcut_alone(library: Path, inline: Inline, damage: bytes | None) -> None:
     bake(library)
@@ -37,6 +38,7 @@ def test_the_list_is_a_shortcut_alone(library: Path, inline: Inline, damage: byt
     assert inline.labels == ["metals/steel", "wood"]  # the fixture forgets them where workers begin
 
 
+@pytest.mark.long
 def test_what_is_wrong_with_files_is_told_again_without_another_try(library: Path, inline: Inline) -> None:
     (library / "broken").mkdir()
     write_png(library / "broken/normal.png", np.tile(np.uint8([128, 128, 255]), (16, 16, 1)))
@@ -74,6 +76,7 @@ def test_a_full_disk_is_tried_again(library: Path, inline: Inline, monkeypatch: 
     assert counts(bake(library)) == (2, 0, 0)
 
 
+@pytest.mark.long
 def test_a_map_that_is_added_to_tiles_of_a_materialx_document(tmp_path: Path, inline: Inline) -> None:
     """No list of files says that: a document may stand for files that are new, and include others."""
     root = tmp_path / "lib"
@@ -136,6 +139,7 @@ def test_two_sets_of_one_name_one_in_the_other(tmp_path: Path, inline: Inline) -
     assert [each.entry.label for each in summary.entries] == [".", "metals"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("damage", ["body", "no table", "folder", "file in place of the folder", "locked"])
 def test_a_list_that_cannot_be_used_is_no_list(library: Path, inline: Inline, damage: str) -> None:
     bake(library)
@@ -175,6 +179,7 @@ def test_a_name_that_is_not_utf8(library: Path, inline: Inline) -> None:
     assert summary.baked >= 2 and all("UTF-8" in str(each.error) for each in summary.failures)
 
 
+@pytest.mark.long
 def test_results_that_somebody_changed(library: Path, inline: Inline) -> None:
     bake(library)
     result = library.parent / "out/wood/normal_mip00.png"
@@ -185,6 +190,7 @@ def test_results_that_somebody_changed(library: Path, inline: Inline) -> None:
     assert result.read_bytes() == data
 
 
+@pytest.mark.long
 def test_a_result_whose_manifest_a_build_system_removed(library: Path, inline: Inline) -> None:
     """Ninja removes it after Ctrl-C, and `clean` of CMake does: what it leaves is in nobody's way."""
     bake(library)
@@ -217,6 +223,7 @@ def test_equal_options_are_the_same(library: Path, inline: Inline) -> None:
     assert counts(bake(library, replace(LINEAR, strength=1.0))) == (0, 2, 0)
 
 
+@pytest.mark.long
 def test_a_folder_takes_the_place_of_an_archive(tmp_path: Path, inline: Inline) -> None:
     write_set(tmp_path / "packed")
     root = tmp_path / "lib"

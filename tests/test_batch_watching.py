@@ -44,6 +44,7 @@ def read(each: Path) -> str:
     return each.read_text() if each.exists() else ""
 
 
+@pytest.mark.long
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no such signals")
 def test_what_is_saved_is_baked(tmp_path: Path) -> None:
     library, out, log = tmp_path / "lib", tmp_path / "lib" / "out", tmp_path / "log.jsonl"
@@ -69,6 +70,7 @@ def test_what_is_saved_is_baked(tmp_path: Path) -> None:
     assert told.count("watching") >= 3
 
 
+@pytest.mark.long
 def test_entries_that_changed_files_belong_to(tmp_path: Path) -> None:
     root, out = tmp_path / "lib", tmp_path / "out"
     for name in ("a", "b"):

@@ -51,6 +51,7 @@ def test_threads_and_memory_are_shared() -> None:
     assert Share.of(4, 2, None) == Share(1, None)
 
 
+@pytest.mark.long
 @needs_signals
 def test_a_process_that_is_killed_costs_nothing(tmp_path: Path) -> None:
     """Its work is begun once more. Which process is killed, and when, is of no matter."""
@@ -95,6 +96,7 @@ def test_what_kills_a_process_twice_is_a_failure(tmp_path: Path) -> None:
     assert "ended before its work, and so did a second one" in str(summary.failures[0].error)
 
 
+@pytest.mark.long
 @needs_signals
 def test_a_batch_that_is_killed_goes_on_where_it_was(tmp_path: Path) -> None:
     library = write_library(tmp_path / "lib")
@@ -133,6 +135,7 @@ def test_a_batch_that_is_killed_goes_on_where_it_was(tmp_path: Path) -> None:
     assert not [name for name in tree(out) if name.endswith((PARTIAL, OLD))]
 
 
+@pytest.mark.long
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     library, out, log = write_library(tmp_path / "lib", 2), tmp_path / "out", tmp_path / "log.jsonl"
     base = ["bake", str(library), "-r", "-o", str(out), "--method", "linear"]
@@ -161,6 +164,7 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert told.out == "" and told.err.count("\n") == 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("batch", [[], ["--jobs", "1"]])
 def test_who_forgot_that_folders_hold_folders_is_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], batch: list[str]
@@ -190,6 +194,7 @@ def test_no_process_can_be_begun(tmp_path: Path) -> None:
     assert run.returncode != 0 and "Traceback" not in run.stderr, run.stderr
 
 
+@pytest.mark.long
 @needs_signals
 def test_a_batch_that_is_stopped_leaves_no_temporary_files(tmp_path: Path) -> None:
     library, scratch = write_library(tmp_path / "lib", 4), tmp_path / "tmp"
@@ -211,6 +216,7 @@ def test_a_batch_that_is_stopped_leaves_no_temporary_files(tmp_path: Path) -> No
     assert list(scratch.iterdir()) == [] and "Traceback" not in told, told
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="reads the signals of a process from /proc")
 def test_signals_wait_from_the_first_moment_of_a_process(tmp_path: Path) -> None:
     script = """

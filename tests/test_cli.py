@@ -50,6 +50,7 @@ def test_bake_writes_what_it_says(folder, tmp_path, capsys, fmt):
     assert set(stack.provenance.sources) == {"base_color.png", "normal.png", "roughness.png"}
 
 
+@pytest.mark.long
 def test_bake_says_what_was_measured(folder, tmp_path, capsys):
     arguments = ["bake", str(folder), "-o", str(tmp_path / "out"), "--method", "refine", "--budget", "0.01s"]
     assert main(arguments) == 0
@@ -103,6 +104,7 @@ def test_bake_json(folder, tmp_path, capsys):
     assert err.count("\n") == 1 and str(missing) in err
 
 
+@pytest.mark.long
 def test_one_bad_set_does_not_stop_the_others(tmp_path, capsys):
     names = [write_set(tmp_path / "a"), write_set(tmp_path / "b", roughness=None), write_set(tmp_path / "c")]
     assert main(["bake", *map(str, names), "-o", str(tmp_path / "out"), "--method", "linear"]) == 3
@@ -252,6 +254,7 @@ def test_help_and_inspect_import_nothing_heavy(folder):
         assert done.stderr == "[]"
 
 
+@pytest.mark.long
 @pytest.mark.skipif(os.name == "nt", reason="signals as POSIX has them")
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_signals_leave_nothing_behind(tmp_path, number, code):

@@ -47,6 +47,7 @@ def many(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict]:
     return folder, report
 
 
+@pytest.mark.long
 def test_every_material_of_a_document_is_baked(many) -> None:
     folder, report = many
     sets = [result for result in report["results"] if "stack" in result]
@@ -108,6 +109,7 @@ def test_coverage_of_a_mask_is_kept_in_8_bits(many) -> None:
         assert abs((level >= 0.5).sum() - share * level.size) <= 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["glb", "external", "embedded"])
 def test_glb_only(tmp_path, kind) -> None:
     """One file and nothing else."""
@@ -179,6 +181,7 @@ def test_a_glb_of_a_folder(tmp_path) -> None:
     assert stack.size == (8, 8) and (tmp_path / "out" / "wood" / "wood.glb").exists()
 
 
+@pytest.mark.long
 def test_maps_that_a_glb_cannot_hold_are_told(tmp_path) -> None:
     folder = write_set(tmp_path / "lamp")
     write_image(folder / "emissive.exr", np.full((8, 8, 3), 3, np.float32))
@@ -240,6 +243,7 @@ def broken_document(folder: Path) -> Path:
     return made.write(folder / "two")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("formats", ["png", "png,glb", "glb"])
 def test_a_broken_image_leaves_the_other_materials(tmp_path, capsys, formats) -> None:
     """It is told once, and the document as a whole is not written."""
@@ -254,6 +258,7 @@ def test_a_broken_image_leaves_the_other_materials(tmp_path, capsys, formats) ->
     assert not (tmp_path / "out" / "two" / "bad").exists() and not (tmp_path / "out" / "two.glb").exists()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("formats", ["png,glb", "glb"])
 def test_a_missing_image_that_is_not_baked_is_found_first(tmp_path, capsys, formats) -> None:
     made = small()
@@ -277,6 +282,7 @@ def test_a_missing_image_that_nothing_shows_stays_an_address(tmp_path) -> None:
     assert {"uri": "gone.png", "name": "spare"} in written["images"]
 
 
+@pytest.mark.long
 def test_a_preset_announces_what_is_written(tmp_path) -> None:
     source, folder = small().write(tmp_path / "bolt"), write_set(tmp_path / "metal")
     code, said = run("bake", source, "-o", tmp_path / "one", "--preset", "three", *LINEAR)

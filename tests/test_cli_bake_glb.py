@@ -27,6 +27,7 @@ def bake(*arguments: object) -> tuple[int, Any]:
     return code, json.loads(said.getvalue())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("asked", "texels"), [("glb", "UASTC_RGB_UNORM_BLOCK"), ("glb:rgba8", "R8G8B8A8_UNORM")])
 def test_a_mirror_in_a_glb(tmp_path: Path, asked: str, texels: str) -> None:
     folder = write_set(tmp_path / "mirror", **MIRROR)

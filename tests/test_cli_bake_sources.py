@@ -15,6 +15,7 @@ from .gpu_textures import openimageio_levels
 from .test_cli_bake_documents import LINEAR, bake, small
 
 
+@pytest.mark.long
 def test_one_broken_source_does_not_stop_others(tmp_path, capsys) -> None:
     (tmp_path / "broken.glb").write_bytes(b"glTF" + bytes(20))
     good = small().write(tmp_path / "bolt")
@@ -51,6 +52,7 @@ def test_a_materialx_document(tmp_path) -> None:
     assert result["set"]["maps"]["roughness"]["path"].endswith("rough.png")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("format", ["png", "glb"])
 def test_a_missing_texture_of_a_materialx_document_leaves_the_others(tmp_path, capsys, format) -> None:
     mtlx.write_textures(tmp_path)
@@ -64,6 +66,7 @@ def test_a_missing_texture_of_a_materialx_document_leaves_the_others(tmp_path, c
     assert len(list((tmp_path / "out").iterdir())) == 1
 
 
+@pytest.mark.long
 def test_lists_and_globs(tmp_path) -> None:
     for name in ("a", "b", "c"):
         write_set(tmp_path / "sets" / name)
@@ -82,6 +85,7 @@ def test_a_list_or_glob_of_nothing(tmp_path, capsys) -> None:
     assert "cannot be read" in fails(capsys, 3, "bake", f"@{tmp_path / 'none.txt'}", "-o", tmp_path / "out")
 
 
+@pytest.mark.long
 def test_results_of_one_name_are_told_apart(tmp_path) -> None:
     """Results are named after the folders around their sources, documents as well as sets; a result that is alone keeps
     its name."""
@@ -97,6 +101,7 @@ def test_results_of_one_name_are_told_apart(tmp_path) -> None:
     assert mipbake.open_stack(tmp_path / "out" / "b_metal").name == "b_metal"
 
 
+@pytest.mark.long
 def test_results_of_one_name_from_one_folder_are_numbered(tmp_path) -> None:
     folder = write_set(tmp_path / "in" / "metal")
     small().write(tmp_path / "in" / "metal")

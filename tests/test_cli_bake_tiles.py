@@ -54,6 +54,7 @@ def test_tiles(tmp_path, source) -> None:
         assert [level.shape[:2] for level in stack.levels] == [(h, w) for w, h in halved(8, 8)]
 
 
+@pytest.mark.long
 def test_names_of_presets_end_with_the_tile(tmp_path) -> None:
     assert bake(tiles(tmp_path / "rock"), "-o", tmp_path / "out", "--preset", "arnold")[0] == 0
     names = {p.name for p in (tmp_path / "out" / "rock").iterdir()}
@@ -61,6 +62,7 @@ def test_names_of_presets_end_with_the_tile(tmp_path) -> None:
     assert names == {f"rock_{r}.{t}.tx" for r in roles for t in TILES} | {f"stack.{t}.json" for t in TILES}
 
 
+@pytest.mark.long
 def test_every_tile_has_a_sidecar_of_its_own(tmp_path) -> None:
     more = ("--sidecar", "ntc", "--format", "png")
     assert bake(tiles(tmp_path / "rock"), "-o", tmp_path / "out", *more)[0] == 0
@@ -70,6 +72,7 @@ def test_every_tile_has_a_sidecar_of_its_own(tmp_path) -> None:
     assert bake(tmp_path / "rock", "-o", tmp_path / "out", *more)[0] == 0
 
 
+@pytest.mark.long
 def test_a_folder_that_is_called_like_a_tile(tmp_path) -> None:
     assert bake(tiles(tmp_path / "rock_1002"), "-o", tmp_path / "out", "--preset", "arnold")[0] == 0
     (folder,) = (tmp_path / "out").iterdir()
@@ -77,6 +80,7 @@ def test_a_folder_that_is_called_like_a_tile(tmp_path) -> None:
     assert {p.name for p in folder.glob("*normal*")} == {f"rock_1002_normal.{tile}.tx" for tile in TILES}
 
 
+@pytest.mark.long
 def test_tiles_as_mudbox_counts_them(tmp_path) -> None:
     folder = tiles(tmp_path / "rock")
     for path in list(folder.iterdir()):
@@ -88,6 +92,7 @@ def test_tiles_as_mudbox_counts_them(tmp_path) -> None:
     assert {"rock_normal_gl_u1_v3.exr", "metallic.1021.exr", "stack.1021.json"} <= names
 
 
+@pytest.mark.long
 def test_tiles_are_replaced_by_their_own_source_alone(tmp_path, capsys) -> None:
     folder = tiles(tmp_path / "rock")
     out = tmp_path / "out"
@@ -107,6 +112,7 @@ def test_tiles_are_replaced_by_their_own_source_alone(tmp_path, capsys) -> None:
     assert sorted((p.name, p.read_bytes()) for p in (out / "rock").iterdir()) == before
 
 
+@pytest.mark.long
 def test_stacks_of_tiles_are_told_apart(tmp_path, capsys) -> None:
     folder = tiles(tmp_path / "rock")
     assert bake(folder, "-o", tmp_path / "out")[0] == 0
@@ -128,6 +134,7 @@ def test_filtering_crosses_the_borders_of_tiles(tmp_path) -> None:
     assert (first[:, -1] > first[:, 0] + 1e-4).all()  # 1002 to its right is brighter
 
 
+@pytest.mark.long
 def test_tiles_that_a_glb_cannot_hold_are_resampled(tmp_path) -> None:
     """Tiles are resampled as other sets are, and each tile still continues in the next."""
     (folder := tmp_path / "rock").mkdir()
@@ -147,6 +154,7 @@ def test_tiles_that_a_glb_cannot_hold_are_resampled(tmp_path) -> None:
     assert np.ptp(left[:, :-2]) < 0.01  # nothing of its own other side, nor of the next tile's
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("side", [8, 12])
 def test_tiles_that_touch_may_differ_in_size(tmp_path, side) -> None:
     (folder := tmp_path / "rock").mkdir()

@@ -34,6 +34,7 @@ def test_help_on_all_commands_loads_none() -> None:
     }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("arguments", [("inspect", str(SET)), ("presets",)])
 def test_a_command_loads_no_methods_that_it_does_not_use(arguments: tuple[str, ...]) -> None:
     loaded = loaded_by(*arguments)

@@ -45,6 +45,7 @@ def test_a_report_with_its_renders(folder, tmp_path, capsys):
     assert 'src="http' not in page and 'href="http' not in page
 
 
+@pytest.mark.long
 def test_films_are_made_unless_they_are_not_asked_for(folder, tmp_path, capsys):
     out = tmp_path / "report"
     given = ["compare", str(folder), "-o", str(out), *FILMS, *FEW, "--motion", "light", "--accumulate"]
@@ -63,6 +64,7 @@ def test_films_are_made_unless_they_are_not_asked_for(folder, tmp_path, capsys):
     assert results["settings"]["motion"] == "light" and results["settings"]["accumulate"] is True
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("motion", [[], ["--sampler", "stochastic"]])
 def test_no_films_are_made_where_none_are_wanted(folder, tmp_path, motion):
     assert run(folder, tmp_path / "report", "--methods", "linear (box)", *motion) == 0
@@ -82,6 +84,7 @@ def test_a_condition_on_a_film_needs_its_judge(folder, tmp_path, capsys, monkeyp
     assert not (tmp_path / "r").exists()
 
 
+@pytest.mark.long
 def test_a_stack_that_was_baked_is_what_the_verdict_is_about(folder, tmp_path, capsys):
     assert main(["bake", str(folder), "-o", str(tmp_path / "out"), "--method", "lean", "--filter", "box", "-q"]) == 0
     baked = ["--baked", str(tmp_path / "out" / "metal"), "--methods", "linear"]
@@ -95,6 +98,7 @@ def test_a_stack_that_was_baked_is_what_the_verdict_is_about(folder, tmp_path, c
     assert err.count("\n") == 1 and "holds" in err
 
 
+@pytest.mark.long
 def test_a_stack_of_another_set_is_flagged(folder, tmp_path, capsys):
     other = write_set(tmp_path / "other", roughness=bumps()["roughness"] // 2)
     assert main(["bake", str(other), "-o", str(tmp_path / "out"), "--method", "linear", "-q"]) == 0
@@ -113,6 +117,7 @@ def write_mesh(path, uv=True):
     return path
 
 
+@pytest.mark.long
 def test_a_mesh_and_a_light_of_the_users(folder, tmp_path):
     mesh = write_mesh(tmp_path / "triangle.obj")
     sky = np.full((8, 16, 3), 0.2, np.float32)

@@ -144,6 +144,7 @@ def test_usage_errors_exit_2(tmp_path, monkeypatch, capsys, arguments, part):
     assert tree(tmp_path) == []
 
 
+@pytest.mark.long
 def test_the_stack_of_another_set_is_never_replaced(tmp_path, capsys, monkeypatch):
     first, same, other = (write_set(tmp_path / name / "metal") for name in "abc")
     for name, pixels in bumps(8, 24).items():
@@ -159,10 +160,11 @@ def test_the_stack_of_another_set_is_never_replaced(tmp_path, capsys, monkeypatc
     monkeypatch.setitem(METHODS, "linear", Late())
     capsys.readouterr()
     message = fails(capsys, 4, *bake, other)
-    assert str(tmp_path / "out" / "metal") in message and "roughness.png" in message and "remove" in message
+    assert "out/metal: " in message and "roughness.png" in message and "remove" in message
     assert mipbake.open_stack(tmp_path / "out" / "metal").provenance.pixel_filter == "mitchell"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fmt", FORMATS)
 def test_a_baked_stack_is_no_texture_set(folder, tmp_path, capsys, fmt):
     assert main(["bake", str(folder), "-o", str(tmp_path / "out"), "--method", "linear", "--format", fmt, "-q"]) == 0

@@ -17,6 +17,12 @@ QUICK = ["--views", "2", "--budget", "60s", "--steps", "6"]
 AVERAGED = ["--start", "linear"]
 
 
+@pytest.fixture(autouse=True)
+def few_renders(monkeypatch):
+    """References of few renders: what commands say does not hang on their noise."""
+    monkeypatch.setattr("mipbake.fitting.prepared.passes_for", lambda lod, held_out: 4)
+
+
 @pytest.fixture
 def folder(tmp_path):
     return write_set(tmp_path / "metal")
@@ -53,6 +59,7 @@ def test_a_stack_is_fitted_and_says_so(folder, tmp_path, capsys):
     assert any(path.suffix == ".png" for path in (out / "metal").iterdir())
 
 
+@pytest.mark.long
 def test_a_baked_stack_is_where_a_fit_starts(folder, tmp_path):
     assert main(["bake", str(folder), "-o", str(tmp_path / "baked"), "--method", "lean"]) == 0
     start = str(tmp_path / "baked" / "metal")
@@ -60,6 +67,7 @@ def test_a_baked_stack_is_where_a_fit_starts(folder, tmp_path):
     assert open_stack(tmp_path / "out" / "metal").provenance.method == "lean"
 
 
+@pytest.mark.long
 def test_levels_start_from_several_methods(folder, tmp_path):
     out = tmp_path / "out"
     assert run(folder, out, "--renderer", "torch", "--start", "linear", "--start", "lean") == 0
@@ -96,6 +104,7 @@ FAILING = """
 """
 
 
+@pytest.mark.long
 def test_a_renderer_that_fails_loses_nothing(folder, tmp_path, module, capsys):
     """The state is kept, what the renderer printed is shown, and the same command goes on from there."""
     whole = tmp_path / "whole"
@@ -118,6 +127,7 @@ def test_a_renderer_that_fails_loses_nothing(folder, tmp_path, module, capsys):
         assert np.array_equal(one, other)
 
 
+@pytest.mark.long
 def test_info_tells_of_a_fit(folder, tmp_path, capsys):
     assert run(folder, tmp_path / "out", "--renderer", "torch", "--quiet") == 0
     capsys.readouterr()
@@ -125,6 +135,7 @@ def test_info_tells_of_a_fit(folder, tmp_path, capsys):
     assert "adjusted: levels were fitted in the renderer torch to " in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_what_an_interruption_keeps_is_named(folder, tmp_path, module, capsys):
     assert (
         run(folder, tmp_path / "whole", "--renderer", module("own_calls", FAILING.format(broken=False, after=0))) == 0
@@ -169,6 +180,7 @@ def test_a_module_that_cannot_be_read_is_told(folder, tmp_path, module, capsys):
     assert "own_renderer_unreadable:make cannot be imported (SyntaxError: " in err
 
 
+@pytest.mark.long
 def test_another_renderer_does_not_go_on(folder, tmp_path, module, capsys):
     """What was fitted in a renderer is no start for another one."""
     first = module("own_renderer_first", FAILING.format(broken=True, after=10_000))

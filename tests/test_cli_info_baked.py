@@ -13,6 +13,7 @@ from .test_cli_bake_documents import bake
 from .test_presets import run
 
 
+@pytest.mark.long
 def test_info_on_every_file(tmp_path, capsys) -> None:
     folder = write_set(tmp_path / "metal")
     formats = "exr,tx:8,ktx2:bc,dds:rgba8,png:16,glb"
@@ -46,6 +47,7 @@ def test_info_on_every_file(tmp_path, capsys) -> None:
     capsys.readouterr()
 
 
+@pytest.mark.long
 def test_info_says_what_a_stack_was_made_for(tmp_path) -> None:
     folder = write_set(tmp_path / "metal")
     given = ("--method", "refine", "--budget", "0.01s", "--sampler", "anisotropic", "--aim", "0")

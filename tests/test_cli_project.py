@@ -31,6 +31,7 @@ def provenance(stack: Path) -> dict[str, object]:
     return found
 
 
+@pytest.mark.long
 def test_named_sources_do_not_use_the_project_and_a_note_says_so(
     project: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -42,6 +43,7 @@ def test_named_sources_do_not_use_the_project_and_a_note_says_so(
     assert note not in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_a_project_is_baked(project: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bake", "textures/wood", "--config", "mipbake.toml"]) == 0
     assert "1 set baked, 0 unchanged, 0 failed" in capsys.readouterr().out

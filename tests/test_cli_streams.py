@@ -40,6 +40,7 @@ def shell(line: str, *arguments: object) -> tuple[int, str, str]:
     return done.returncode, done.stdout, done.stderr
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "line",
     ["$MIPBAKE | head -n 1", "$MIPBAKE | true", "$MIPBAKE >&-", "$MIPBAKE > /dev/full", "$MIPBAKE <&- >&- 2>&-",
@@ -53,6 +54,7 @@ def test_a_bake_goes_on_without_a_reader(folder: Path, tmp_path: Path, line: str
     assert mipbake.open_stack(tmp_path / "out" / "set").size == (16, 16)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "arguments", [["inspect"], ["inspect", "--json"], ["--help"], ["--version"], ["bake", "--json"]]
 )
@@ -78,6 +80,7 @@ def test_a_reader_that_has_seen_enough_is_no_failure(folder: Path) -> None:
     assert shell("$MIPBAKE | true", "--help")[::2] == (0, "")
 
 
+@pytest.mark.long
 def test_no_file_takes_the_place_of_a_closed_stream(folder: Path, tmp_path: Path) -> None:
     """What a library prints by the number of stdout must not go into a map."""
     code, _, _ = shell("$MIPBAKE <&- >&- 2>&-", "bake", folder, "-o", tmp_path / "closed", "--method", "linear")
@@ -86,6 +89,7 @@ def test_no_file_takes_the_place_of_a_closed_stream(folder: Path, tmp_path: Path
         assert (tmp_path / "closed" / "set" / name).read_bytes() == (tmp_path / "open" / "set" / name).read_bytes()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_signals_while_the_program_loads_end_it_in_a_sentence(
     folder: Path, tmp_path: Path, number: int, code: int
@@ -133,6 +137,7 @@ def test_signals_before_the_command_is_known_end_it_in_a_sentence(
     assert done.stderr.count("\n") == 1 and "nothing unfinished was left behind" in done.stderr
 
 
+@pytest.mark.long
 def test_kills_at_random_leave_a_whole_result(tmp_path: Path) -> None:
     write_set(tmp_path / "set", **bumps(64, 64))
     command = [sys.executable, ROOT / "tests" / "random_kills.py", tmp_path, "30", str(random.randrange(10**6))]

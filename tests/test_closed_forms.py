@@ -279,6 +279,7 @@ def test_lobe_means_invert() -> None:
     assert 0 < lost.min() < lost.max() < 0.026
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("wrap", [("wrap", "wrap"), ("clamp", "wrap"), ("wrap", "clamp"), ("clamp", "clamp")])
 @pytest.mark.parametrize("size", [(64, 64), (77, 45)])
 @pytest.mark.parametrize("kernel", ["gaussian", "box"])

@@ -245,7 +245,7 @@ def test_no_text_does_anything_but_parse_or_be_refused(text: str) -> None:
     try:
         condition = parse(text)
     except UsageError as error:
-        assert repr(text) in str(error)
+        assert repr(text) in error.full
         return
     assert isinstance(condition, Condition)
     assert math.isfinite(condition.number)

@@ -182,6 +182,7 @@ def test_a_constant_material_has_no_error_and_flickers_as_its_reference() -> Non
     assert still.change is None and "flicker" not in values(still, "constant")
 
 
+@pytest.mark.long
 def test_pixel_filtered_methods_win_on_bumpy_gloss_and_renders_repeat(tmp_path: Path) -> None:
     stored = bumpy()
     candidates = baked(stored, ("linear", "box"), ("lean", "gaussian"))

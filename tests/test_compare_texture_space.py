@@ -106,6 +106,7 @@ def test_flicker_of_a_checker_of_two_texels_matches_the_computation_on_paper() -
         assert change.value == pytest.approx(10 * math.log10(40 / 15), abs=0.15)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("view", PAIR_SETS)
 def test_noise_of_the_reference_biases_neither_flicker_nor_its_snr(view: str) -> None:
     """Few samples leave noise of several times the change: did both estimates share any of it, figures would move."""
@@ -119,6 +120,7 @@ def test_noise_of_the_reference_biases_neither_flicker_nor_its_snr(view: str) ->
     assert change[0] == pytest.approx(change[1], abs=0.5)
 
 
+@pytest.mark.long
 def test_a_blurred_stack_flickers_less_and_an_unfiltered_one_more() -> None:
     texture_set = bumpy()
     levels = texture_set.material("gltf")

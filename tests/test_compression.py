@@ -91,6 +91,7 @@ def encoded(stack: MipStack, name: str, srgb: bool) -> list[np.ndarray]:
     return [np.where(v <= 0.0031308, 12.92 * v, 1.055 * np.maximum(v, 1e-9) ** (1 / 2.4) - 0.055) for v in values]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fmt", ["png:8", "png:16", "ktx2:bc", "ktx2:rgba8", "dds:rgba16f", "tx:8", "exr:half"])
 def test_psnr_is_what_numpy_says(tmp_path, fmt: str) -> None:
     """PSNR is taken of file values between 0 and 1, over all texels of all levels together."""
@@ -107,6 +108,7 @@ def test_psnr_is_what_numpy_says(tmp_path, fmt: str) -> None:
     assert found.psnr["metallic"] == math.inf  # it is 0 everywhere
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("fmt", "bits"), [("png:8", 8), ("png:16", 16), ("ktx2:rgba8", 8)])
 def test_psnr_of_rounding(tmp_path, fmt: str, bits: int) -> None:
     """Errors that are even between -1/2 and 1/2 step have a mean square of a twelfth of a step's."""
@@ -115,6 +117,7 @@ def test_psnr_of_rounding(tmp_path, fmt: str, bits: int) -> None:
     assert found.psnr["roughness"] == pytest.approx(-10 * np.log10(step**2 / 12), abs=0.5)
 
 
+@pytest.mark.long
 def test_floats_cost_nothing(tmp_path) -> None:
     for made in (plaster(), mirror()):
         found = written(made, tmp_path / made[0].name, Output("exr:float"))
@@ -138,6 +141,7 @@ def test_smooth_materials_lose_more(tmp_path) -> None:
     assert "png:8 costs" in "".join(glossy.warnings())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("container", ["ktx2", "dds"])
 def test_better_texels_are_chosen_for_smooth_materials(container: str) -> None:
     ranks = {}
@@ -153,6 +157,7 @@ def test_better_texels_are_chosen_for_smooth_materials(container: str) -> None:
     assert chosen(*mirror(), Output(container)).texels["normal"] == "rgba16f"
 
 
+@pytest.mark.long
 def test_what_is_chosen_costs_less_than_the_limit(tmp_path) -> None:
     """Alone, every file is measured; together they may err by half of it more."""
     for made in (plaster(), mirror()):
@@ -174,6 +179,7 @@ def test_other_formats_are_left_alone(fmt: str) -> None:
     assert chosen(*mirror(), output) is output
 
 
+@pytest.mark.long
 def test_names_of_files_lead_to_their_texels() -> None:
     """They do so even where a preset renames files."""
     (preset,) = PRESETS["unreal"].outputs
@@ -224,6 +230,7 @@ def test_what_is_advised_for_a_preset_is_known_of_its_engine(name: str) -> None:
         assert not (preset.no_finer and output.finer)
 
 
+@pytest.mark.long
 def test_a_preset_has_no_say_where_the_user_chose(tmp_path) -> None:
     polished = np.full((16, 16), 26, np.uint8)
     folder = write_set(tmp_path / "metal", roughness=polished)
@@ -238,6 +245,7 @@ def test_no_warning_below_the_limit(loss: float) -> None:
     assert not Cost("png:8", {}, {"near-mirror": loss, "hemisphere": -2.0}, {}).warnings()
 
 
+@pytest.mark.long
 def test_the_command_line_prints_costs(tmp_path) -> None:
     folder = write_set(tmp_path / "metal")
     code, said = run("bake", folder, "-o", tmp_path / "out", "--method", "linear", "--format", "png,dds,exr:float")
@@ -260,6 +268,7 @@ def test_the_command_line_prints_costs(tmp_path) -> None:
     assert set(result["costs"][0]["loss"]) == set(PAIR_SETS)
 
 
+@pytest.mark.long
 def test_long_phases_move_as_they_go(tmp_path) -> None:
     """Choosing texels, encoding a GLB and measuring: by every file and every level of detail, never back."""
     told: dict[str, list[float]] = {}
@@ -276,6 +285,7 @@ def test_long_phases_move_as_they_go(tmp_path) -> None:
         assert len(set(told[phase])) > 5, phase
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("fmt", "packing"), [("dds:bc", "orm"), ("ktx2:uastc", "orm"), ("dds:bc", "separate"), ("png:8", "orm")]
 )
@@ -294,6 +304,7 @@ def test_coverage_is_measured_in_the_files(tmp_path, fmt: str, packing: str) -> 
     assert any("coverage" in said for said in found.warnings()) == beside_colours
 
 
+@pytest.mark.long
 def test_only_a_tested_opacity_has_coverage(tmp_path) -> None:
     texture_set, stack = leaves()
     blended = replace(texture_set, alpha_cutoff=None), stack
@@ -316,6 +327,7 @@ def test_warnings_of_coverage_name_what_is_better(fmt: str, alone: bool) -> None
     assert ("--packing separate" in said) == (blocks and not alone and fmt != "glb")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("mode", ["files", "square", "document"])
 def test_the_command_line_tells_coverage(tmp_path, mode: str) -> None:
     """The coverage of files, of a GLB of one square, and of a document whose material is masked is printed."""
@@ -342,6 +354,7 @@ def test_the_command_line_tells_coverage(tmp_path, mode: str) -> None:
     assert re.search(rf"^warning: {name} changes the {line}, by more than 2 points: (use|a glTF file) ", said, re.M)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("texels", [("bc", "rgba8"), ("rgba8", "bc"), ("rgba8", "rgba16f"), ("rgba16f", "rgba8")])
 def test_what_an_output_is_called_is_no_matter_of_chance(tmp_path, texels) -> None:
     """Files of two kinds of texels, as many of each."""
@@ -350,6 +363,7 @@ def test_what_an_output_is_called_is_no_matter_of_chance(tmp_path, texels) -> No
     assert written(plaster(), tmp_path / "out", output).format == f"ktx2:{texels[0]}"
 
 
+@pytest.mark.long
 def test_memory(tmp_path) -> None:
     """Files are read back, and measured, in little more than what they and the stack take."""
     texture_set = TextureSet.from_arrays(

@@ -82,6 +82,7 @@ def test_advice_leads_from_every_format_to_the_most_precise(fmt: str) -> None:
     assert exact == sorted(exact)  # blocks are left and never come back
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("fmt", EXACT)
 def test_exact_texels_come_back_bit_for_bit(tmp_path, fmt: str, size: tuple[int, int]) -> None:
@@ -109,6 +110,7 @@ def _values(level: np.ndarray, name: str, fmt: str) -> np.ndarray:
     return srgb(level) if level.shape[2] == 3 and fmt.split(":")[1] in ("8", "16", "rgba8") else level.astype(float)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("fmt", [name for name in EXACT if format_named(name).openimageio])
 def test_others_read_the_same_texels(tmp_path, fmt: str, size: tuple[int, int]) -> None:

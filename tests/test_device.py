@@ -142,6 +142,7 @@ def test_the_processor_is_the_default_bit_for_bit() -> None:
 # Another device
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", NETWORKS)
 @pytest.mark.parametrize("size", [(80, 50), (1, 1), (7, 1)])
 def test_a_bake_mixes_no_devices_and_copies_each_tile_once(
@@ -195,6 +196,7 @@ def any_device(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(neural, "checked_device", lambda name: name)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("any_device")
 @pytest.mark.parametrize("weights", [None, "mipbake-1-anisotropic"])
 def test_the_method_bakes_where_it_is_told_to(weights: str | None) -> None:
@@ -209,6 +211,7 @@ def test_the_method_bakes_where_it_is_told_to(weights: str | None) -> None:
         assert bool(parameters) == (fetched == 1) and watched.fetched
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("any_device")
 @pytest.mark.parametrize("name", [name for name in OPTIONS["device"] if name != "neural"])
 def test_methods_that_search_tell_their_network(name: str) -> None:

@@ -149,6 +149,7 @@ def script(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) 
     return run
 
 
+@pytest.mark.long
 def test_the_picture_of_the_readme(script: Script, tmp_path: Path) -> None:
     figures = ("--figures", tmp_path / "figures.json")
     said = script("make_picture", tmp_path / "scales.png", "--side", 24, "--passes", 16, *figures)

@@ -49,6 +49,7 @@ def test_an_instruction_set_that_is_lacking_gives_the_best_that_is_there() -> No
     assert _native.isa()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("variable", "text"), WRONG)
 def test_anything_else_is_a_sentence(variable: str, text: str) -> None:
     library = run(variable, text, FIRST_USE[variable])

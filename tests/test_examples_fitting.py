@@ -80,6 +80,7 @@ def test_envphong(load, tmp_path):
         assert sign * curve[-1][1] > sign * curve[0][1], name
 
 
+@pytest.mark.long
 def test_minimal(load, capsys):
     runpy.run_path(str(FITTING / "minimal.py"), run_name="__main__")
     assert float(capsys.readouterr().out.split()[-2]) > 35

@@ -30,6 +30,7 @@ def command(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.long
 def test_commands_work_without_extras(tmp_path: Path) -> None:
     out = tmp_path / "out"
     for arguments in (
@@ -59,6 +60,7 @@ def test_commands_work_without_extras(tmp_path: Path) -> None:
         assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
@@ -69,8 +71,7 @@ def test_commands_work_without_extras(tmp_path: Path) -> None:
         ),
         (
             ("inspect", SET, "--colour-space", "ProPhoto RGB"),
-            "the colour space 'ProPhoto RGB', which is none of sRGB, linear Rec.709, ACEScg, ACES2065-1, ACEScc, "
-            "ACEScct, Display P3, ITU-R BT.2020, Adobe RGB (1998), needs colour-science",
+            "the colour space 'ProPhoto RGB', which mipbake does not know itself, needs colour-science",
         ),
         (
             ("bake", SET, "-o", "{tmp}", "--device", "cuda"),

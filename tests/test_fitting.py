@@ -98,6 +98,7 @@ def test_others_of_another_size_or_model() -> None:
 # ---- what a fit gains
 
 
+@pytest.mark.long
 def test_views_that_nothing_has_seen_gain_at_every_scale() -> None:
     texture, stack, renderer = texture_set(16), start(16), TorchRenderer()
     views = standard_views((16, 16), each=3, lods=(0, 1, 2, 3, 4))
@@ -137,6 +138,7 @@ def test_equal_seeds_give_equal_bits() -> None:
     assert same(fitted(seed=3), fitted(seed=3))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("model", ["gltf-anisotropic", "ggx", "beckmann"])
 def test_other_material_models(model: str) -> None:
     level = material(model, 16, 16)

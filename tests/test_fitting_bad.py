@@ -221,6 +221,7 @@ def test_a_renderer_error_says_what_is_kept(checkpoint: bool, tmp_path: Path) ->
 SETTINGS: dict[str, Any] = {"steps": 60, "rate": 0.5, "seed": 4, "renders": 2}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("number", [104, 137, 245, 273, 330])
 def test_a_fit_that_goes_on_ends_as_one_that_was_not_stopped(number: int, tmp_path: Path) -> None:
     """Wherever it was stopped: in the first round, at its check, in a later round, at a check, or at the very end."""

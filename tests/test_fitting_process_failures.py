@@ -83,6 +83,7 @@ FAILURES = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("failure", FAILURES)
 def test_a_failure_is_one_sentence_and_what_was_printed(failure: str, script: Write, before: None) -> None:
     said = "sys.stderr.write('a line on the error\\n'); sys.stderr.flush()\n"
@@ -140,6 +141,7 @@ sys.exit("the first time")
         assert (renderer.render(levels_of(), view_of()).image != 0).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("then", ["time.sleep(1000)", "sys.exit(1)", "answer({'answer': 'nothing'})"])
 def test_nothing_lives_on_after_a_failure(then: str, script: Write, tmp_path: Path, before: None) -> None:
     """Nor does what the program had started."""
@@ -148,6 +150,7 @@ def test_nothing_lives_on_after_a_failure(then: str, script: Write, tmp_path: Pa
     assert all(is_gone(int(pid)) for pid in pids.read_text(encoding="utf-8").split())
 
 
+@pytest.mark.long
 def test_a_program_that_does_not_end_is_ended(script: Write, tmp_path: Path, before: None) -> None:
     pids = tmp_path / "pids"
     text = starts_another(pids, "signal.signal(signal.SIGTERM, signal.SIG_IGN)").replace("asked()\n", "give(asked())\n")
@@ -189,6 +192,7 @@ def test_nothing_is_left_after_an_interruption(
     assert is_gone(int(pids.read_text(encoding="utf-8")))
 
 
+@pytest.mark.long
 def test_what_leaves_the_group_of_a_program_keeps_nobody_waiting(script: Write, tmp_path: Path, before: None) -> None:
     """It lives on with the program's pipes, as a service does."""
     pids = tmp_path / "pids"

@@ -62,6 +62,7 @@ def inner() -> MipStack:
     return changed(changed(start(), "roughness", lambda r: 0.3 + 0.4 * r), "metallic", lambda m: 0.2 + 0.3 * m)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "made",
     [lambda r: r + 0.1, lambda r: r.mean() + 0.6 * (r - r.mean()), lambda r: 0.2 + 0.7 * r],
@@ -120,6 +121,7 @@ def test_levels_that_gain_nothing_stay_bit_for_bit() -> None:
     assert kept == [True, False, True, True]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("model", MODELS)
 def test_rounds_of_other_models_stay_within_limits_and_gain(model: str) -> None:
     stack, renderer = stack_of(material(model, 16, 16), model), TorchRenderer()
@@ -161,6 +163,7 @@ def test_numbers_move_one_map_each_by_two_steps_of_8_bits() -> None:
     assert moved[:, :5] == pytest.approx(others[0][slice(*parameters.starts[1:3]), :5], abs=1e-6)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["metallic", "roughness"])
 def test_what_lies_at_a_limit_can_leave_it(name: str) -> None:
     for limit, wanted in ((1.0, 0.9), (0.0, 0.1)):
@@ -207,6 +210,7 @@ def test_short_budgets_learn_from_some_views_of_each_scale(monkeypatch: pytest.M
     assert moved[1] - moved[0] == pytest.approx(0.01 * 16 * 4)
 
 
+@pytest.mark.long
 def test_a_budget_that_is_too_short_has_no_rounds() -> None:
     told = fitted(steps=None, budget=0.05, rounds=1).provenance.adjustments[-1]
     assert "least squares" not in told

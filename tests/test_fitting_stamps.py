@@ -150,6 +150,7 @@ def kept(renderer: Any, views: Sequence[Spot] | None = None, **more: Any) -> Any
     return fit(start(LARGE), renderer, found, reference=wanted, **({"steps": 240} | more))
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore:no view that is held out")
 @pytest.mark.parametrize("more", [{}, {"renders": 3}, {"texels": "nearest"}, {"rate": 30.0, "steps": 480}])
 def test_a_renderer_that_follows_the_stamps_has_all_texels(
@@ -170,6 +171,7 @@ def test_a_renderer_that_follows_the_stamps_has_all_texels(
         assert restored  # steps that are far too long make levels worse
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore:no view that is held out")
 def test_a_fit_that_goes_on_from_a_file_and_failures(tmp_path: Path) -> None:
     renderer, file = Keeper(fails_at=200), tmp_path / "state.fit"

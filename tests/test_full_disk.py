@@ -74,6 +74,7 @@ def check_writers(folder: Path, how: str) -> None:
     assert done.returncode == 0 and done.stdout.endswith("writers\n") and done.stdout.count("\n") == 1, done
 
 
+@pytest.mark.long
 def test_a_write_that_fails_is_never_lost(tmp_path: Path) -> None:
     """Whichever it is: libraries write the last part of some files as they close them, and do not say how that went."""
     if shutil.which("strace") is None:
@@ -88,14 +89,17 @@ def test_a_write_that_fails_is_never_lost(tmp_path: Path) -> None:
         assert done.returncode == 0 and rest.count("\n") == 1 and int(refused) >= 6, done
 
 
+@pytest.mark.long
 def test_every_writer_says_that_a_file_gets_too_long(tmp_path: Path) -> None:
     check_writers(tmp_path, "limit")
 
 
+@pytest.mark.long
 def test_every_writer_says_that_the_disk_is_full(disk: Path) -> None:
     check_writers(disk, "disk")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fmt", [*FORMATS, "glb"])
 def test_a_bake_beyond_a_limit_of_files_exits_4(noise: Path, tmp_path: Path, fmt: str) -> None:
     code, err = bake(noise, tmp_path / "out", "--format", fmt, limit=4096)
@@ -104,6 +108,7 @@ def test_a_bake_beyond_a_limit_of_files_exits_4(noise: Path, tmp_path: Path, fmt
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.long
 def test_an_earlier_result_stays_where_the_disk_is_full(noise: Path, disk: Path) -> None:
     assert bake(noise, disk / "out") == (0, "")
     before = {path.name: path.read_bytes() for path in (disk / "out" / "noise").iterdir()}

@@ -38,6 +38,7 @@ def test_an_input_can_be_made_again() -> None:
     assert case_of(1234, 5, readers) == case_of(1234, 5, readers) != case_of(1234, 6, readers)
 
 
+@pytest.mark.long
 def test_damaged_files_are_read_or_refused() -> None:
     """Every file of the corpus as it is, and thousands of damaged ones: about half a minute of one core."""
     result = run(seed=0, readers=sorted(READERS), inputs=3000, seconds=None)

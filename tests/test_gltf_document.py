@@ -204,9 +204,8 @@ def test_images_that_cannot_be_read(case: str, tmp_path: Path) -> None:
     change, message = IMAGES[case]
     made = GltfFile()
     change(made)
-    document = read_document(made.write(tmp_path / "a"))
     with pytest.raises(InputError, match=message):
-        image_bytes(document, 0)
+        image_bytes(read_document(made.write(tmp_path / "a")), 0)
 
 
 @pytest.mark.parametrize("uri", ["maps\\a.png", "maps%5Ca.png"])

@@ -115,6 +115,7 @@ def test_a_broken_coat_is_an_error(tmp_path: Path) -> None:
         read(made, tmp_path)
 
 
+@pytest.mark.long
 def test_a_clearcoat_is_prefiltered_with_its_own_normals(tmp_path: Path) -> None:
     """Its roughness widens with the spread of its own normals, in the file itself."""
     made = car()
@@ -141,6 +142,7 @@ def test_a_clearcoat_is_prefiltered_with_its_own_normals(tmp_path: Path) -> None
     assert means[1] > means[0] + 5
 
 
+@pytest.mark.long
 def test_a_roughness_is_made_for_normals_without_one(tmp_path: Path) -> None:
     document, binary, _ = bake(car(clearcoatRoughnessTexture={}, clearcoatRoughnessFactor=0.2), tmp_path)
     held = document["materials"][0]["extensions"][CLEARCOAT]
@@ -165,6 +167,7 @@ def test_plain_textures_are_told_and_averaged(tmp_path: Path) -> None:
     assert re.fullmatch(r"emissiveTexture of material 0 \(Car\): [45]\d\.\d dB", cost) and cost in said
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "size", "noise", "sampler", "told"),
     [
@@ -196,6 +199,7 @@ def test_the_emission_of_a_square_is_enlarged_by_whole_factors(tmp_path: Path) -
     np.testing.assert_allclose(found, srgb_to_linear(palette / 255).repeat(2, 0), atol=1e-6)
 
 
+@pytest.mark.long
 def test_colours_and_amounts_of_one_image_part(tmp_path: Path) -> None:
     """The one is sRGB-encoded, the other is not: a file of each; alpha goes with the colours."""
     made = car()
@@ -238,6 +242,7 @@ def test_colours_count_by_their_opacity() -> None:
     np.testing.assert_allclose(averaged(blind, pixels)[-1], filtered_levels(pixels, "box", ("wrap", "wrap"))[-1])
 
 
+@pytest.mark.long
 def test_what_something_else_shows_stays_and_is_told(tmp_path: Path) -> None:
     made = car()
     made.json["materials"][0]["extensions"]["EXT_example"] = {"fuzzTexture": {"index": GLOW}}

@@ -97,6 +97,7 @@ def test_what_is_decoded_is_near_what_was_baked() -> None:
     assert stretched.psnr["normal"] > plain.psnr["normal"] + 4
 
 
+@pytest.mark.long
 def test_the_ranges_that_are_chosen_cost_less_than_none() -> None:
     texture_set, stack = mirror()
     ranges = chosen_ranges(texture_set, stack)
@@ -109,6 +110,7 @@ def test_the_ranges_that_are_chosen_cost_less_than_none() -> None:
     assert losses[0] < losses[1] - 1.5
 
 
+@pytest.mark.long
 def test_large_sets_are_tried_in_their_middle() -> None:
     """A small mirror between bumps, to which another scale is better."""
     inside = np.zeros((64, 64, 1), bool)
@@ -167,6 +169,7 @@ def test_a_square_is_read_back_as_it_was_baked(tmp_path: Path) -> None:
     assert json.loads(json.dumps(material)) == material
 
 
+@pytest.mark.long
 def test_textures_that_blocks_cost_too_much_have_eight_bits_where_they_may(tmp_path: Path) -> None:
     texture_set, stack = mirror()
     ranges = chosen_ranges(texture_set, stack, texels=GLB_TEXELS[-1])

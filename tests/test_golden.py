@@ -18,6 +18,7 @@ def test_the_record_holds_every_result_and_every_method_is_among_them() -> None:
         assert any(f", {method} (" in name for name in EVERYTHING)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", EVERYTHING)
 def test_results_are_as_recorded(name: str) -> None:
     place, wanted = record.read()

@@ -64,6 +64,7 @@ def in_one(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, 
     return content(out / "metal")
 
 
+@pytest.mark.long
 def test_ctrl_c_keeps_the_best_so_far_and_the_same_command_goes_on(
     folder: Path, tmp_path: Path, in_one: dict[str, bytes]
 ) -> None:
@@ -98,6 +99,7 @@ def test_a_search_that_is_killed_goes_on(folder: Path, tmp_path: Path, in_one: d
     assert [path.name for path in tmp_path.iterdir()] == ["metal"]
 
 
+@pytest.mark.long
 def test_a_second_ctrl_c_abandons(folder: Path, tmp_path: Path) -> None:
     kept = tmp_path / ".metal.search"
     running = command("slow,hangs", folder, tmp_path)

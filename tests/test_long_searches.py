@@ -86,6 +86,7 @@ def stopped(path: Path, times: int = 110) -> PrefilterResult:
     return found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("times", [70, 160])
 def test_a_search_in_many_sittings_is_the_same_to_the_last_bit(
     tmp_path: Path, whole: PrefilterResult, times: int
@@ -100,6 +101,7 @@ def test_a_search_in_many_sittings_is_the_same_to_the_last_bit(
     assert sittings > 2 and same(found, whole)
 
 
+@pytest.mark.long
 def test_more_than_ten_regions_are_gone_on_with(tmp_path: Path) -> None:
     """The order of 2 and 10 is another one as numbers than as text, which is what JSON has."""
     path, told, stored = tmp_path / "kept", list[str](), set_in_memory(256).material("gltf")
@@ -118,6 +120,7 @@ def test_a_search_that_is_stopped_at_once_has_its_start(tmp_path: Path, whole: P
     assert same(searched(tmp_path / "kept"), whole)
 
 
+@pytest.mark.long
 def test_what_was_gained_before_a_stop_is_kept(tmp_path: Path) -> None:
     """Also where the next sitting is stopped before its first round."""
     found = stopped(tmp_path / "kept", 200)
@@ -138,6 +141,7 @@ def damages(path: Path) -> Iterator[tuple[Path, bytes]]:
             yield file, b""
 
 
+@pytest.mark.long
 def test_a_damaged_checkpoint_costs_time_alone(tmp_path: Path, whole: PrefilterResult) -> None:
     path = tmp_path / "kept"
     stopped(path, 300)
@@ -187,6 +191,7 @@ def rewrite(path: Path, about: dict[str, Any]) -> None:
     (path / "about.json").write_text(text, encoding="utf-8")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("change", "why"),
     [
@@ -216,6 +221,7 @@ def test_a_checkpoint_of_another_search_is_not_used(tmp_path: Path, change: dict
     assert told[0].startswith(f"going on from the checkpoint {path}, after ")
 
 
+@pytest.mark.long
 def test_a_reproducible_search_does_not_go_on_from_one_with_a_limit_of_time(tmp_path: Path) -> None:
     path, told = tmp_path / "kept", list[str]()
     searched(path, After(110), budget="1h")
@@ -233,6 +239,7 @@ def test_a_reproducible_search_does_not_go_on_from_one_with_a_limit_of_time(tmp_
     assert "limit of time" in told[0]
 
 
+@pytest.mark.long
 def test_time_that_was_spent_counts(tmp_path: Path) -> None:
     path, told = tmp_path / "kept", list[str]()
     found = searched(path, After(200), budget="1h")
@@ -244,6 +251,7 @@ def test_time_that_was_spent_counts(tmp_path: Path) -> None:
     assert not rest.stopped and same(rest, found)
 
 
+@pytest.mark.long
 def test_a_full_disk_ends_no_search(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, whole: PrefilterResult) -> None:
     def full(path: Path, _arrays: Any) -> int:
         path.write_bytes(b"some")
@@ -257,6 +265,7 @@ def test_a_full_disk_ends_no_search(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert not path.exists()
 
 
+@pytest.mark.long
 def test_two_processes_do_not_share_a_checkpoint(tmp_path: Path, whole: PrefilterResult) -> None:
     path, told = tmp_path / "kept", list[str]()
     stopped(path)
@@ -272,6 +281,7 @@ def test_two_processes_do_not_share_a_checkpoint(tmp_path: Path, whole: Prefilte
     assert {file: file.read_bytes() for file in path.iterdir()} == before
 
 
+@pytest.mark.long
 def test_checkpoints_are_no_more_often_than_they_may_cost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(checkpoint, "COST", 0.02)
     written: list[float] = []
@@ -360,6 +370,7 @@ class Stops(Listener):
         self.notes.append(sentence)
 
 
+@pytest.mark.long
 def test_sets_after_a_search_that_was_stopped_are_not_begun(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -371,6 +382,7 @@ def test_sets_after_a_search_that_was_stopped_are_not_begun(
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [".metal.search", "metal"]
 
 
+@pytest.mark.long
 def test_a_program_stops_a_search_and_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with_many_regions(monkeypatch.setattr)
 

@@ -315,6 +315,7 @@ def test_every_form_of_a_name_is_seen(fork: str) -> None:
     assert not names_of_models("class Config:\n    encoders: tuple[str, ...] = ('gltf',)")
 
 
+@pytest.mark.long
 def test_no_code_asks_for_a_model_by_its_name() -> None:
     """A fork by name, or a table by names, treats the next model as another one. Descriptions know what to ask for."""
     found = {}

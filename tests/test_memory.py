@@ -99,6 +99,7 @@ def test_limits_within_limits_end() -> None:
     assert memory.empty((32, MIB), np.uint8).base is None
 
 
+@pytest.mark.long
 def test_pages_that_are_let_go_of_come_back() -> None:
     size = 64 * MIB
     pages = _native.Pages(1 << 62)
@@ -127,6 +128,7 @@ def test_pages_are_let_go_of_while_they_are_written() -> None:
         assert all((row == index % 251).all() for index, row in enumerate(made))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("method", "kind"), [("linear", "anisotropic"), ("lean", "broken"), ("toksvig", "plain"), ("neural", "plain")]
 )
@@ -176,6 +178,7 @@ def most_held(folder: Path, limit: str) -> int:
     return 1024 * int(subprocess.run(command, capture_output=True, env=environment, check=True, timeout=600).stdout)
 
 
+@pytest.mark.long
 def test_a_limit_is_held(tmp_path) -> None:
     side = 3072
     folder = write_set(

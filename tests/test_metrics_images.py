@@ -409,6 +409,7 @@ def test_too_much_and_too_little_flicker_are_as_bad() -> None:
     assert loss(2.0) == pytest.approx(loss(0.5)) and loss(1.0) == 0 < loss(1.1) < loss(0.0)
 
 
+@pytest.mark.long
 def test_colour_science_leaves_in_silence() -> None:
     lines = (
         "import OpenImageIO, torch",

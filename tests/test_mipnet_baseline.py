@@ -277,6 +277,7 @@ def ridges() -> Materials:
     return Materials([material.regularise(stored, "gltf").astype(np.float16)], ["ridges"], "gltf")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("target", TARGETS)
 def test_training_moves_every_parameter(target: str) -> None:
     config = tiny(target, steps=30)
@@ -287,6 +288,7 @@ def test_training_moves_every_parameter(target: str) -> None:
     assert all(not torch.equal(a, b) for a, b in zip(start, state.network.parameters(), strict=True))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("target", GLTF)
 def test_descent_lowers_the_error_of_a_batch(target: str) -> None:
     """The error is the error of levels that the network makes; lobes become as wide across ridges as the ridges
@@ -367,6 +369,7 @@ def test_it_is_trained_as_mipbake_1_is() -> None:
     assert paper.network == mipnet_network.SingleLightsConfig("ggx") and paper.loss.kind == "single-lights"
 
 
+@pytest.mark.long
 def test_the_command_resumes_with_the_configuration_it_started_with(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

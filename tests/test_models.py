@@ -180,6 +180,7 @@ def test_gaussian_latents_have_the_pixel_filters_variance(wrap: str) -> None:
         assert variance == pytest.approx(0.25 * 4**level + boxes, rel=0.01)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("model", MODEL_NAMES)
 @pytest.mark.parametrize("wrap", [("wrap", "wrap"), ("clamp", "clamp"), ("clamp", "wrap")])
 @pytest.mark.parametrize("size", [(37, 23), (1, 9), (64, 40)])

@@ -35,6 +35,7 @@ def baker_of(network: MomentNetwork) -> MomentBaker:
     return MomentBaker.of(network.config, (), tensors)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("made", MADE)
 @pytest.mark.parametrize(
     ("height", "width", "wrap"),
@@ -54,6 +55,7 @@ def test_torch_says_the_same(made: str, height: int, width: int, wrap: Wrap, pix
     assert np.quantile(difference, 0.99) < 1e-4
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("info", RELEASED, ids=lambda info: info.name)
 @pytest.mark.parametrize("sampler", BAKED_SAMPLERS)
 @pytest.mark.parametrize("pixel_filter", list(FILTERS))

@@ -83,6 +83,7 @@ def test_colours_of_a_flat_dielectric_are_averages() -> None:
         np.testing.assert_allclose(level[..., 4], 0.4, atol=1e-5)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("model", ["gltf", "ggx"])
 @pytest.mark.parametrize("pixel_filter", list(FILTERS))
 @pytest.mark.parametrize(("height", "width"), [(40, 25), (16, 1), (33, 64)])

@@ -63,6 +63,7 @@ def test_files_of_others_are_not_written_over(
     assert {name: (tmp_path / name).read_bytes() for name in before} == before and not (tmp_path / "out").exists()
 
 
+@pytest.mark.long
 def test_files_of_an_earlier_batch_are_written_again(tmp_path: Path) -> None:
     """And empty ones, and through links, which stay."""
     write_set(tmp_path / "lib/50 % wood")
@@ -90,6 +91,7 @@ def scene(folder: Path) -> Path:
     return two_textures(png("normal a"), png("mr")).write(folder / "bolt", "glb")
 
 
+@pytest.mark.long
 def test_a_glb_is_written_through_a_link(tmp_path: Path) -> None:
     """The link stays, and what it leads to is the new file."""
     source, out, far = scene(tmp_path / "in"), tmp_path / "out", tmp_path / "far.glb"
@@ -102,6 +104,7 @@ def test_a_glb_is_written_through_a_link(tmp_path: Path) -> None:
     assert tree(out) == ["bolt.glb"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("leads_to", ["the source", "another source", "a file of somebody"])
 def test_a_glb_is_not_written_through_a_link_to(leads_to: str, tmp_path: Path, capsys) -> None:
     source, out = scene(tmp_path / "in"), tmp_path / "out"
@@ -121,7 +124,7 @@ def test_a_fit_refuses_a_checkpoint_of_others_before_it_bakes(tmp_path: Path, ca
     folder, out = write_set(tmp_path / "metal"), tmp_path / "out"
     out.mkdir()
     (out / "metal.fit").write_text("notes on how it fits")
-    monkeypatch.setattr("mipbake.cli.fit._start", lambda *_: pytest.fail("found only after a bake"))
+    monkeypatch.setattr("mipbake.cli.fit.mipbake.bake", lambda *_, **__: pytest.fail("found only after a bake"))
     command = ["fit", folder, "-o", out, "--renderer", "torch", "--start", "linear", "-q"]
     assert "is no checkpoint of a fit that mipbake wrote" in fails(capsys, 4, *command)
     (out / "metal.fit").unlink()

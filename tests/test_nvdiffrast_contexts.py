@@ -227,6 +227,7 @@ WARNING = "mipbake.nvdiffrast: warning: torch finds no graphics card, so Rasteri
 INFO = "mipbake.nvdiffrast: info: RasterizeCudaContext rasterises on cpu, without OpenGL"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("program", "said"),
     [

@@ -77,6 +77,7 @@ def test_a_stack_whose_adjustments_are_none(tmp_path: Path) -> None:
         assert main(["info", str(out / "wood")]) == 0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("index", [-5, 7, True, 1.0, None, 10**400])
 @pytest.mark.parametrize("place", ["texture", "image", "view", "other"])
 def test_indices_of_documents(tmp_path: Path, capsys: pytest.CaptureFixture[str], place: str, index: object) -> None:

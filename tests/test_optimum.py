@@ -85,6 +85,7 @@ def solved() -> Search:
     return searched(problem(bumpy(32, 32)), *stages(SMALL))
 
 
+@pytest.mark.long
 def test_bumpy_gloss_gains_at_every_level_on_pairs_it_never_saw(solved: Search) -> None:
     task, gains = solved.work.problem, []
     for lod, name in itertools.product(range(6), PAIR_SETS):
@@ -100,6 +101,7 @@ def test_bumpy_gloss_gains_at_every_level_on_pairs_it_never_saw(solved: Search) 
     assert np.mean(gains) > 3.3, gains  # mean 5.17, standard deviation 0.46
 
 
+@pytest.mark.long
 def test_single_lights_alone_count() -> None:
     """What people see, which other methods count, does not move the limit of single lights."""
 
@@ -113,6 +115,7 @@ def test_single_lights_alone_count() -> None:
     assert not all(np.array_equal(mine, theirs) for mine, theirs in zip(usual, other, strict=True))
 
 
+@pytest.mark.long
 def test_the_promise_says_what_was_kept() -> None:
     shares: list[float] = []
     result = Optimum(effort=EFFORT, descent=TINY)(bumpy(16, 16), "gltf", "gltf", "gaussian", WRAP, shares.append)
@@ -155,6 +158,7 @@ def test_steps_that_are_far_too_long_do_no_harm(solved: Search) -> None:
         assert (after.decibels > before.decibels - 0.01).all()  # 0 with each of the 8 seeds: where nothing is kept
 
 
+@pytest.mark.long
 def test_results_hang_on_the_seed_alone() -> None:
     task = problem(bumpy(8, 8))
     one, again, other = (searched(task, *stages(TINY), seed=seed).levels for seed in (0, 0, 1))
@@ -162,6 +166,7 @@ def test_results_hang_on_the_seed_alone() -> None:
     assert any(not np.array_equal(a, b) for a, b in zip(one, other, strict=True))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("target", material.MODELS)
 @pytest.mark.parametrize("kernel", ["gaussian", "mitchell"])
 def test_what_comes_out_is_a_valid_stack(target: str, kernel: str) -> None:
@@ -226,6 +231,7 @@ def test_pictures_of_a_window_see_the_texels_around_it(sampler: BakedSampler) ->
                 np.testing.assert_allclose(crop.bilinear(chunk.uv), bilinear(levels[index], chunk.uv, WRAP), atol=2e-3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("sampler", BAKED_SAMPLERS)
 def test_what_is_seen_alone_moves_texels_to_what_looks_right(sampler: BakedSampler) -> None:
     """Where nothing else counts, renders that no round saw look better than those of the start."""
@@ -240,6 +246,7 @@ def test_what_is_seen_alone_moves_texels_to_what_looks_right(sampler: BakedSampl
     assert after < before - 0.03, (before, after)  # 0.07 to 0.10 less with each of 4 seeds
 
 
+@pytest.mark.long
 def test_a_region_changes_its_own_texels_alone() -> None:
     task = problem(bumpy(32, 32))
     start = searched(task, *stages(TINY)[:2]).levels
@@ -252,6 +259,7 @@ def test_a_region_changes_its_own_texels_alone() -> None:
     assert not any(c.any() for c in changed[1:])
 
 
+@pytest.mark.long
 def test_large_sets_are_worked_on_in_windows() -> None:
     result = searched(problem(bumpy(16, 16)), *stages(replace(SMALL, window=8), coarse=4))
     after = result.blend.check.of_stack(result.levels)

@@ -202,6 +202,7 @@ def test_what_a_texture_says_of_its_colours_gives_way_to_its_name_and_to_options
     assert mipbake.load(folder).maps["base_color"].source.encoding == "sRGB"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("codec", ["uastc", "etc1s"])
 def test_documents_of_compressed_textures_bake(codec: str, tmp_path: Path) -> None:
     made = GltfFile()

@@ -126,10 +126,12 @@ def lacking(found: Iterable[str], base: set[str]) -> dict[str, set[str]]:
     return lacked
 
 
+@pytest.mark.long
 def test_the_base_install_has_what_the_commands_import() -> None:
     assert lacking(reachable(), requirements()) == {}
 
 
+@pytest.mark.long
 def test_a_missing_requirement_is_found() -> None:
     base = requirements()
     for name in ("numpy", "openimageio", "typer", "pillow"):
@@ -140,6 +142,7 @@ def test_a_missing_requirement_is_found() -> None:
     ]
 
 
+@pytest.mark.long
 def test_the_base_install_has_nothing_that_no_command_imports() -> None:
     distributions = metadata.packages_distributions()
     used = {each.lower() for name, _ in wanted(reachable()) for each in distributions.get(name, [name])}

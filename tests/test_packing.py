@@ -111,6 +111,7 @@ def test_green_of_normals_in_every_packing(tmp_path, made, packing, convention) 
     assert np.abs(levels["normal"][0].astype(int) - wanted).max() <= 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("convention", ["opengl", "directx"])
 @pytest.mark.parametrize(
     ("opengl", "directx"),

@@ -92,6 +92,7 @@ def test_every_way_to_replace_a_name_is_seen(source: str, found: str) -> None:
     assert replaced(source) == ([found] if found else [])
 
 
+@pytest.mark.long
 def test_no_private_name_is_replaced() -> None:
     found: dict[str, list[str]] = {}
     for path in sorted(TESTS.rglob("*.py")):
@@ -139,6 +140,7 @@ def test_every_use_of_a_private_name_is_seen(source: str, found: str) -> None:
     assert used(source) == ([found] if found else [])
 
 
+@pytest.mark.long
 def test_no_private_name_is_used() -> None:
     found = {path.relative_to(TESTS).as_posix(): used(path.read_text("utf-8")) for path in sorted(TESTS.rglob("*.py"))}
     assert {path: names for path, names in found.items() if names} == {}

@@ -26,6 +26,7 @@ def run(*command: str, folder: Path) -> str:
     return made.stdout
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not all(map(shutil.which, ("cmake", "ninja"))), reason="cmake or ninja is not installed")
 def test_cmake_bakes_sets_and_libraries(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--cmake-dir"]) == 0
@@ -63,6 +64,7 @@ def test_cmake_bakes_sets_and_libraries(tmp_path: Path, capsys: pytest.CaptureFi
     assert (build / "every/gold/stack.json").is_file()
 
 
+@pytest.mark.long
 def test_the_script_of_the_page_runs(tmp_path: Path) -> None:
     told = run(sys.executable, str(EXAMPLES / "try.py"), folder=tmp_path)
     assert "after the edit was saved, its result was there" in told

@@ -37,6 +37,7 @@ def run(method: str, stored: np.ndarray, target: str = "gltf", pixel_filter: str
     return QUICK[method](stored, "gltf", target, pixel_filter, WRAP, lambda _: None).levels
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("target", material.MODELS)
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("size", [(24, 20), (1, 7), (1, 1)])

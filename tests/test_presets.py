@@ -205,6 +205,7 @@ def test_every_preset_is_tested() -> None:
     assert set(EXPECTED) == set(PRESETS)
 
 
+@pytest.mark.long
 def test_files_and_their_texels(written: Written, preset: str) -> None:
     names = {path.name for path in written.folder.iterdir()} - {"stack.json"}
     levels = re.compile(r"_mip0[1-9]\.png$")
@@ -303,6 +304,7 @@ def test_the_command_line_says_what_it_chose_and_warns(tmp_path) -> None:
     assert "in the engine: keep Mip Gen Settings at Leave Existing Mips" in said
 
 
+@pytest.mark.long
 def test_anisotropy_that_an_engine_does_not_read_is_told(source: Path, tmp_path: Path) -> None:
     for preset, wanted in (("unity", True), ("three", False)):
         code, said = run("bake", source, "-o", tmp_path / preset, "--method", "linear", "--preset", preset)

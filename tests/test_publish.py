@@ -55,6 +55,7 @@ def names(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "arguments",
     ["exchange KILL folder", "renames KILL folder", "exchange INT folder", "renames TERM folder", "exchange KILL file"],

@@ -52,6 +52,7 @@ def test_gradcheck_of_rasterize(mode: str, size: tuple[int, int]) -> None:
     assert torch.autograd.gradcheck(differentiable, pos.requires_grad_(), fast_mode=False)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("mode", ["instanced", "range", "one"])
 @pytest.mark.parametrize("diff_attrs", [None, "all", [2, 0, 2]])
 def test_gradcheck_of_interpolate(mode: str, diff_attrs: Any) -> None:
@@ -202,6 +203,7 @@ def samples(op: str) -> list[tuple[Any, ...]]:
     ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("index", range(3))
 @pytest.mark.parametrize("op", ["rasterize", "interpolate", "antialias"])
 def test_opcheck(op: str, index: int) -> None:
@@ -223,6 +225,7 @@ def test_opcheck_of_the_backward_ops() -> None:
     torch.library.opcheck(ops._topology, (tri, 9))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("dynamic", [False, True])
 def test_compiled_equals_eager(dynamic: bool) -> None:
     """The public functions in one graph, forward and backward, for more than one size."""

@@ -43,6 +43,7 @@ def test_random_triangles(dtype: torch.dtype, seed: int, height: int, width: int
     assert_same_layer(rasterize(None, pos, tri, (height, width)), reference.rasterize(pos, tri, (height, width)))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 @pytest.mark.parametrize("order", ["random", "front to back", "back to front"])
 def test_many_layers_over_several_tiles(order: str, dtype: torch.dtype) -> None:

@@ -121,6 +121,7 @@ def test_the_expectation_is_the_integral_to_four_digits(pixel_filter: str) -> No
     assert np.abs(found.mean(1, dtype=np.float64) - exact).max() < 1e-4 * exact.mean()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", cases())
 @pytest.mark.parametrize("pixel_filter", FILTERS)
 def test_estimates_scatter_around_the_integral(pixel_filter: str, name: str) -> None:

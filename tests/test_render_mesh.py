@@ -151,6 +151,7 @@ def baseline(*arguments: Any) -> Frame:
     return candidate(mesh, camera, lighting, chain(level), *rest)
 
 
+@pytest.mark.long
 def test_the_error_estimate_is_honest_against_a_long_run() -> None:
     arguments = scene()
     frame = baseline(*arguments)
@@ -217,6 +218,7 @@ def test_bands_of_rows_are_parts_of_what_all_rows_see() -> None:
             assert np.array_equal(joined, getattr(whole, name)), (band, name)
 
 
+@pytest.mark.long
 def test_the_closest_candidate_decides_how_far_passes_go() -> None:
     arguments = scene()
     frame = baseline(*arguments)

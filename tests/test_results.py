@@ -73,6 +73,7 @@ def test_boosted_sets_are_glossier_and_steeper(module: Callable[[str], ModuleTyp
         np.testing.assert_allclose(second, first * np.exp(0.1), rtol=1e-3)
 
 
+@pytest.mark.long
 def test_a_set_is_measured_as_validation_does(module: Callable[[str], ModuleType]) -> None:
     """Bakes in processes of their own give the same stacks, and the same figures."""
     measure, methods = module("results_measure"), module("results_methods")
@@ -93,6 +94,7 @@ def test_a_set_is_measured_as_validation_does(module: Callable[[str], ModuleType
     json.dumps(found, default=str)
 
 
+@pytest.mark.long
 def test_a_bake_that_fails_says_so(module: Callable[[str], ModuleType]) -> None:
     methods = module("results_methods")
     broken = methods.Spec("odd", "linear", "no such kernel", "gltf")

@@ -30,6 +30,7 @@ def texture_set(size: int = 16, **maps: object) -> mipbake.TextureSet:
     return mipbake.TextureSet.from_arrays("wood", **given)  # type: ignore[arg-type]
 
 
+@pytest.mark.long
 def test_everything_shows_itself_in_one_short_line(tmp_path: Path) -> None:
     """Before, an object printed every pixel of its maps."""
     loaded = texture_set(height=np.zeros((16, 16)))
@@ -52,6 +53,7 @@ def test_everything_shows_itself_in_one_short_line(tmp_path: Path) -> None:
         assert len(repr(each)) < 400 and "array" not in repr(each)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("preset", PRESETS)
 def test_a_stack_is_saved_for_an_engine_in_one_call(tmp_path: Path, preset: str) -> None:
     """The files are the same as from the command line, but for texels that only the source could choose."""

@@ -53,6 +53,7 @@ def test_gradcheck(model: str) -> None:
     assert torch.autograd.gradcheck(lambda m: ops.shade(model, m, light, view), (stored,))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize(("dtype", "tolerance"), [(torch.float64, 1e-8), (torch.float32, 1e-4)])
 def test_gradients_are_those_of_the_twin_in_float64(model: str, dtype: torch.dtype, tolerance: float) -> None:

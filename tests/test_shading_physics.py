@@ -95,6 +95,7 @@ def furnace(model: str, shape: tuple[float, float, float], elevation: float, g: 
     return float(np.sum(f[:, 0, 0] * 4 * cosine[seen] * solid[seen]))  # dw_l = 4 (h.v) dw_h
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("shape", SHAPES)
 def test_the_furnace_says_what_the_masking_of_beckmann_costs_other_exponents(shape: tuple[float, float, float]) -> None:
     # Masking is for gamma = 1, an approximation. Thinner tails (g > 0) are masked as much or more than they should

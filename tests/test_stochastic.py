@@ -188,6 +188,7 @@ def test_contributions_are_a_plain_loops(kind: str, case: str) -> None:
     assert starts[0] == 0 and starts[-1] == len(listed)
 
 
+@pytest.mark.long
 @each_kind
 @each_dtype
 @pytest.mark.parametrize("case", TOUCHED)

@@ -20,6 +20,7 @@ from .texture_cases import BOUNDARIES, FILTERS, PAIRS, random_case
 LINEAR = ("wrap", "clamp", "mirror")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("filter_mode", FILTERS)
 @pytest.mark.parametrize(
     ("dtype", "count", "off"), [(torch.float64, 40, (1e-9, 1e-10)), (torch.float32, 24, (1e-3, 1e-4))]

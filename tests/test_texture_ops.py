@@ -39,6 +39,7 @@ def thread_counts() -> Iterator[Any]:
     _native.set_num_threads(default)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("filter_mode", "boundary"),
     [
@@ -109,6 +110,7 @@ def test_a_constructed_stack_is_the_internal_one() -> None:
     assert not any(level.requires_grad for level in texture_construct_mip(tex).levels)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", ["internal", "custom", "linear", "cube", "texels only", "anisotropic"])
 def test_opcheck(case: str) -> None:
     cube = case == "cube"

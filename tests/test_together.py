@@ -42,6 +42,7 @@ def few_rows(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bands, "BAND", 1)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("size", [(64, 64), (70, 61), (5, 40), (1, 1)])
 @pytest.mark.parametrize("wrap", [("wrap", "wrap"), ("wrap", "clamp"), ("clamp", "clamp")])
 @pytest.mark.parametrize("target", ["gltf", "ggx"])
@@ -87,6 +88,7 @@ def test_mixtures_are_sums_of_whole_levels() -> None:
     assert len(alone_again) == len(mixtures)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("most", [0.0, 2.0], ids=["all texels", "texels that lookups read"])
 @pytest.mark.parametrize("sampler", ["trilinear", "anisotropic"])
 @pytest.mark.usefixtures("few_rows")

@@ -350,6 +350,7 @@ def test_missing_data_is_named(tmp_path: Path) -> None:
 # The loss
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("model", MODEL_NAMES)
 @pytest.mark.parametrize(("samples", "pixel_filter"), [(1, "gaussian"), (4, "gaussian"), (2, "mitchell")])
 def test_noisy_targets_average_to_the_reference(model: str, samples: int, pixel_filter: str) -> None:

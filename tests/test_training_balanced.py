@@ -48,6 +48,7 @@ def patches_of(seed: int, count: int = 2) -> torch.Tensor:
     return torch.from_numpy(np.stack([bumpy(16, 16, seed + i) for i in range(count)]))
 
 
+@pytest.mark.long
 def test_weighted_pairs_stand_for_both_pair_sets() -> None:
     """Means of functions that live on rare pairs, against plain draws by the hundred thousand."""
 
@@ -159,6 +160,7 @@ def test_a_constant_material_costs_nothing(model: str) -> None:
     assert float(SETTINGS.value(network, batch).detach()) < 1e-3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("model", MADE)
 def test_training_moves_every_parameter_and_lowers_the_error(model: str) -> None:
     """The error of the bands of batches that no step saw, without the noise of their references: it falls in most.

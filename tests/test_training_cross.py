@@ -93,6 +93,7 @@ def test_decoders_start_as_linear_maps_of_what_is_read(source: str) -> None:
         assert error < (1e-6 if model == source else 0.25), model
 
 
+@pytest.mark.long
 def test_cross_training_lowers_the_loss_of_every_decoder() -> None:
     config = crossed(
         loss={"pairs": 16, "target_samples": 16, "near_mirror_fraction": 1.0, "lods": 3, "crops": 4},

@@ -53,6 +53,7 @@ def test_no_graphics_card_is_a_sentence_before_anything_is_made(tmp_path) -> Non
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", CONFIGS)
 def test_a_step_mixes_no_devices_and_waits_for_none(name) -> None:
     """Tensors of the device `meta` have shapes and no values: what mixes them with others, or reads them, raises."""
@@ -108,6 +109,7 @@ def test_what_is_recorded_copies_nothing_from_the_processor(name) -> None:
     assert sent.found, "copies are seen"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", [*CONFIGS, *DIRECTED])
 def test_recorded_steps_are_the_steps(name) -> None:
     config = (CONFIGS | DIRECTED)[name]()

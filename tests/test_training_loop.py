@@ -40,6 +40,7 @@ def weights(state: loop.TrainingState) -> list[torch.Tensor]:
     return [v.clone() for n in (state.network, state.average) for v in n.state_dict().values()]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("model", MODEL_NAMES)
 def test_resumed_equals_uninterrupted(tmp_path: Path, model: str) -> None:
     config = tiny(network={"encoders": [model], "decoders": [model]})
@@ -186,6 +187,7 @@ def test_released_cards_say_what_an_export_says(info: WeightsInfo) -> None:
     assert ("\n## Under each pixel filter\n" in text) == info.default
 
 
+@pytest.mark.long
 def test_command_line_reports_errors_in_one_sentence(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "mipbake.training", "train", str(tmp_path / "none.toml")]
     run = subprocess.run(command, capture_output=True, text=True, check=False)

@@ -131,6 +131,7 @@ def test_steps_draw_pictures_for_samplers_as_often_as_is_asked() -> None:
         assert {each.sampler for each in found if isinstance(each, BalancedBatch)} == samplers
 
 
+@pytest.mark.long
 def test_training_on_pictures_moves_every_parameter_and_makes_them_right() -> None:
     """The error of pictures that no step saw falls, relative to plain averages."""
     config = tiny(

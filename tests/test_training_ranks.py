@@ -46,6 +46,7 @@ def joined(parts: list[Any]) -> Any:
     return first
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("encoders", ["gltf", "gltf,ggx"])
 def test_two_processes_have_the_gradient_of_one_with_the_joined_batch(tmp_path: Path, encoders: str) -> None:
     run = launch(HERE / "training_ranks.py", tmp_path, "4", encoders)
@@ -74,6 +75,7 @@ def test_two_processes_have_the_gradient_of_one_with_the_joined_batch(tmp_path: 
         torch.testing.assert_close(first["weights"][name], value, rtol=1e-3, atol=1e-4)
 
 
+@pytest.mark.long
 def test_checkpoints_go_both_ways(tmp_path: Path) -> None:
     """A training by two processes goes on in one, and the other way round. Only one of them writes and speaks."""
     command = ["-m", "mipbake.training", "train"]

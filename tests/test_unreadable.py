@@ -116,6 +116,7 @@ def test_a_glob_says_what_it_may_not_see(
     assert "cannot be listed" in fails(capsys, 3, *COMMANDS["bake"](folder / "*.png", tmp_path / "out"))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("mode", [0, 0o444])
 @pytest.mark.parametrize("pattern", ["**/*.png", "*/*.png", "*/roughness.png", "lock*/**", "./**/*.png"])
 def test_a_glob_names_the_inner_folder_that_it_may_not_see(

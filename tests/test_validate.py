@@ -46,6 +46,7 @@ def test_a_constant_material_has_no_error(pixel_filter: str) -> None:
     assert min(row.snr for row in result.rows) > 60
 
 
+@pytest.mark.long
 def test_doubling_the_samples_changes_nothing() -> None:
     texture_set = bumpy()
     stack = mipbake.bake(texture_set, method="lean")

@@ -49,6 +49,7 @@ def many(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.long
 def test_textures_are_read_as_they_were_baked(many: Path) -> None:
     """Every channel of every level of every material equals the stack's, to within what UASTC loses of noise."""
     found = held_by(many / "many.glb", many / "out" / "many.glb", many / "scratch")
@@ -73,6 +74,7 @@ def test_every_material_is_measured(many: Path, capsys: pytest.CaptureFixture[st
         assert {row["method"] for row in each["rows"]} >= {"baked", "linear (box)"}
 
 
+@pytest.mark.long
 def test_damage_to_a_texture_is_measured(tmp_path: Path) -> None:
     """What counts is the textures, not what the file says of itself: here the textures of another document."""
     figures = []

@@ -63,7 +63,7 @@ def canonical_colour_space(name: str) -> str:
 
 
 def _colour_science(name: str) -> ModuleType:
-    return colour_science(f"the colour space {name!r}, which is none of {SRGB}, {LINEAR}, {', '.join(COLOUR_SPACES)},")
+    return colour_science(f"the colour space {name!r}, which mipbake does not know itself,")
 
 
 def is_linear(colour_space: str) -> bool:
