@@ -35,5 +35,5 @@ def test_colour_science_is_not_asked_for_them(name: str, monkeypatch: pytest.Mon
         space = canonical_colour_space(spelt)
         grey = decode(np.full((1, 1, 3), 255, np.uint8), space)
         np.testing.assert_allclose(grey, grey.mean(), rtol=1e-4)
-    with pytest.raises(UsageError, match=r"'ProPhoto RGB', which is none of sRGB, linear Rec\.709, ACEScg"):
+    with pytest.raises(UsageError, match="'ProPhoto RGB', which mipbake does not know itself"):
         canonical_colour_space("ProPhoto RGB")

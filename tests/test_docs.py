@@ -164,6 +164,7 @@ def test_the_picture_of_the_readme(script: Script, tmp_path: Path) -> None:
     assert f"{mean:.1f} dB with plain MIP maps" in caption.replace("\n", " ")
 
 
+@pytest.mark.long
 def test_the_animation_of_the_readme(script: Script, tmp_path: Path) -> None:
     figures = ("--figures", tmp_path / "figures.json")
     said = script("make_animation", tmp_path / "shimmer.webp", "--side", 24, "--passes", 4, "--frames", 3, *figures)

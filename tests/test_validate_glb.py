@@ -34,7 +34,8 @@ def held_by(source: Path, glb: Path, scratch: Path) -> dict[str, tuple[TextureSe
     found = {}
     for job in jobs([str(source)], LoadOptions(), scratch):
         assert isinstance(job, Job)
-        texture_set = job.read(multiple_of_side).texture_set
+        (read,) = job.read(multiple_of_side)
+        texture_set = read.texture_set
         found[texture_set.name] = texture_set, stack_in_glb(glb, job, texture_set)
     return found
 
