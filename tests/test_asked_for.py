@@ -15,7 +15,7 @@ from mipbake.reference.problem import Problem
 from .test_auto import SEEN_ALONE, SHORT, TINY, WEIGHTS, WRAP, material_of_two
 
 
-@pytest.mark.parametrize("looks_worse", [0.0, 0.5, 2.0, math.inf])
+@pytest.mark.parametrize("looks_worse", [0.5, math.inf])
 def test_forms_that_look_worse_ask_for_no_snr(looks_worse: float) -> None:
     task = Problem(material_of_two(32), "gltf", "gltf", "gaussian", WRAP)
     better = Auto(effort=TINY, descent=SHORT, judged_by=SEEN_ALONE)

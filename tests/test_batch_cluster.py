@@ -228,10 +228,7 @@ def test_paths_are_moved_where_they_are_paths() -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("apart", [False, True])
-def test_links_and_other_folders(
-    tmp_path: Path, machines: Cluster, monkeypatch: pytest.MonkeyPatch, apart: bool
-) -> None:
+def test_links_and_other_folders(tmp_path: Path, machines: Cluster, monkeypatch: pytest.MonkeyPatch) -> None:
     """As on one machine: a set and a map that are links, `..` after a link, a map beside the working directory."""
     write_set(tmp_path / "store" / "steel_v3")
     (tmp_path / "store" / "more").mkdir()
@@ -249,7 +246,7 @@ def test_links_and_other_folders(
     monkeypatch.chdir(work)
     load = LoadOptions(maps={"roughness": "more/r.png:R"})
     how = BatchOptions(cluster=machines.address)
-    listener = Apart(Path("out")) if apart else BatchListener()
+    listener = Apart(Path("out"))
     for name, options in (("lib/wood", load), ("lib/steel", LoadOptions()), ("../work/lib/chair", LoadOptions())):
         there = bake_library(name, "out", LINEAR, options, how, listener)
         here = bake_library(name, "calm", LINEAR, options)
@@ -269,8 +266,7 @@ def slow() -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_it_soon(tmp_path: Path, machines: Cluster, number: int) -> None:
+def test_a_signal_ends_it_soon(tmp_path: Path, machines: Cluster) -> None:
     """Also where nothing comes from the cluster, because it is at work for others."""
     library, out = write_library(tmp_path / "lib", 2), tmp_path / "out"
     ray.init(address=machines.address, log_to_driver=False)
@@ -282,9 +278,9 @@ def test_a_signal_ends_it_soon(tmp_path: Path, machines: Cluster, number: int) -
         while not list((out / ".mipbake").glob("*shared*")) and time.monotonic() < end:
             time.sleep(0.05)
         time.sleep(1)
-        process.send_signal(number)
+        process.send_signal(signal.SIGTERM)
         _, said = process.communicate(timeout=30)
-        assert process.returncode == 128 + number, said
+        assert process.returncode == 128 + signal.SIGTERM, said
         assert "nothing unfinished" in said and "PC:" not in said, said
         assert not list((out / ".mipbake").glob("*shared*"))
         del busy

@@ -8,7 +8,6 @@ import signal
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -87,17 +86,14 @@ def stopped(path: Path, times: int = 110) -> PrefilterResult:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("times", [70, 160])
-def test_a_search_in_many_sittings_is_the_same_to_the_last_bit(
-    tmp_path: Path, whole: PrefilterResult, times: int
-) -> None:
+def test_a_search_in_many_sittings_is_the_same_to_the_last_bit(tmp_path: Path, whole: PrefilterResult) -> None:
     path, sittings = tmp_path / "kept", 1
-    found = searched(path, After(times))
+    found = searched(path, After(70))
     assert found.stopped and not same(found, whole)
     while found.stopped:
         sittings += 1
         assert sittings < 100
-        found = searched(path, After(times))
+        found = searched(path, After(70))
     assert sittings > 2 and same(found, whole)
 
 
@@ -197,8 +193,6 @@ def rewrite(path: Path, about: dict[str, Any]) -> None:
     [
         ({"stored": STORED * np.float32(0.9)}, "the set changed"),
         ({"aim": 0.25}, "the options changed"),
-        ({"seed": 1}, "the options changed"),
-        ({"descent": replace(SOME_ROUNDS, rounds=5)}, "the options changed"),
         ({"weights": "other"}, "the weights changed"),
         ({"version": "0"}, "it was made by mipbake"),
     ],
