@@ -168,7 +168,7 @@ def test_results_hang_on_the_seed_alone() -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("target", "kernel"), zip(material.MODELS, itertools.cycle(["gaussian", "mitchell"]), strict=False)
+    ("target", "kernel"), [*zip(material.MODELS, itertools.cycle(["gaussian", "mitchell"]), strict=False)]
 )
 def test_what_comes_out_is_a_valid_stack(target: str, kernel: str) -> None:
     """Mirrors, black and white metals and dielectrics, and steep normals; with everything kept, however bad."""
