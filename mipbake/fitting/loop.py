@@ -31,7 +31,7 @@ _NO_TILES = np.empty(0, np.intp)
 
 
 MOST = 4096
-"""Renders of a step, and views at a level of detail, at most. A guess: far more than any fit gains by."""
+"""Renders of a step, and views at a level of detail, at most: far more than any fit gains by."""
 
 
 def check_count(name: str, number: int) -> None:
