@@ -45,6 +45,7 @@ struct ShadeArgs {
     std::int64_t B, K, N;    // batch, light-view pairs, texels
     StridedArray3 material;  // (B, N, C) stored channels
     StridedDirections light, view;
+    bool black = false;  // where the normal turns away from the viewer; else n.v is held to 1e-4 there
 
     // Whether texels have directions of their own.
     bool per_texel() const { return light.texel != 0 || view.texel != 0; }
@@ -67,6 +68,7 @@ struct ShadeLitArgs {
     std::int64_t view_strides[3];
     const void* light;     // (B, K, 3) unit vectors, contiguous
     const void* radiance;  // (B, K, 3) finite, contiguous
+    bool black = false;    // as in ShadeArgs
 };
 
 // The sum over the lights of radiance * f(theta, l, v) into `out`: (B, N, 3), contiguous. On the CPU alone, and without

@@ -12,9 +12,18 @@ def set_num_threads(count: int) -> None: ...
 def cuda_compiled() -> bool: ...
 def cuda_available() -> bool: ...
 def models() -> list[tuple[str, int]]: ...
-def shade(model: str, material: Array, light: Array, view: Array, radiance: Array, stream: int = 0) -> None: ...
+def shade(
+    model: str, material: Array, light: Array, view: Array, radiance: Array, stream: int = 0, black: bool = False
+) -> None: ...
 def shade_lit(
-    model: str, material: Array, frame: Array, view: Array, light: Array, radiance: Array, out: Array
+    model: str,
+    material: Array,
+    frame: Array,
+    view: Array,
+    light: Array,
+    radiance: Array,
+    out: Array,
+    black: bool = False,
 ) -> None: ...
 def shade_backward(
     model: str,
@@ -25,6 +34,7 @@ def shade_backward(
     grad_material: Array,
     stream: int = 0,
     duals: bool = False,
+    black: bool = False,
 ) -> None: ...
 def texture(
     levels: Sequence[Array],

@@ -40,6 +40,7 @@ class Surface:
     normal: Any
     alpha_t: Any
     alpha_b: Any
+    isotropic: bool
 
 
 def stored(model: str, white: bool, height: int = 48, width: int = 64) -> np.ndarray:
@@ -62,10 +63,10 @@ def surface(model: str, texels: np.ndarray) -> Surface:
     c = texels.astype(np.float64)
     if model == "gltf":
         alpha = c[..., 4:5] ** 2
-        return Surface(0 * c[..., :3], c[..., :3], c[..., 5:8], alpha, alpha)
+        return Surface(0 * c[..., :3], c[..., :3], c[..., 5:8], alpha, alpha, isotropic=True)
     z = np.sqrt(1 - np.square(c[..., 6:8]).sum(-1, keepdims=True))
     normal = np.concatenate([c[..., 6:8], z], -1)
-    return Surface(c[..., :3], c[..., 3:6], normal, np.exp(c[..., 8:9] / 2), np.exp(c[..., 9:10] / 2))
+    return Surface(c[..., :3], c[..., 3:6], normal, *(np.exp(c[..., i : i + 1] / 2) for i in (8, 9)), isotropic=False)
 
 
 def bilinear(texture: np.ndarray, uv: np.ndarray) -> np.ndarray:
@@ -97,13 +98,17 @@ def radiance(s: Surface, light: np.ndarray, view: np.ndarray) -> tuple[np.ndarra
     )
     root_l = np.sqrt(ln**2 + (s.alpha_t * lt) ** 2 + (s.alpha_b * lb) ** 2)
     root_v = np.sqrt(vn**2 + (s.alpha_t * vt) ** 2 + (s.alpha_b * vb) ** 2)
+    held = np.maximum(vn, 1e-4)  # where the normal turns away from the viewer
+    tangential2 = (s.alpha_t * vt) ** 2 + (s.alpha_b * vb) ** 2
+    round_held = s.isotropic & (vn < held)
+    held_root = np.sqrt(held**2 + np.where(round_held, s.alpha_t**2 * (1 - held**2), tangential2))
     d = 1 / (math.pi * s.alpha_t * s.alpha_b * ((ht / s.alpha_t) ** 2 + (hb / s.alpha_b) ** 2 + hn**2) ** 2)
     schlick = s.f0 + (1 - s.f0) * (1 - (light * half).sum(-1, keepdims=True)) ** 5
-    correlated = 0.5 / (ln * root_v + vn * root_l)
+    correlated = np.where(hn > 0, 0.5 / (ln * held_root + held * root_l), 0.0)
     separable = 1 / ((ln + root_l) * (vn + root_v))  # G / (4 l_n v_n), with G1(w) = 2 w_n / (w_n + root)
-    lit, diffuse = (ln > 0) & (vn > 0), s.albedo / math.pi
+    diffuse = s.albedo / math.pi
     ours, theirs = ((diffuse + d * v * f) * ln for v, f in ((correlated, schlick), (separable, s.f0)))
-    return np.where(lit, ours, 0.0), np.where(lit, theirs, 0.0)
+    return np.where(ln > 0, ours, 0.0), np.where((ln > 0) & (vn > 0), theirs, 0.0)
 
 
 def twins(model: str, texture: np.ndarray, pixel_filter: str) -> np.ndarray:

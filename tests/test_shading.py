@@ -15,7 +15,7 @@ import torch
 from mipbake import _native
 from mipbake.errors import UsageError
 from mipbake.material import MODELS as LAYOUTS
-from mipbake.shading import models, reference, shade
+from mipbake.shading import TurnedAway, models, reference, shade
 
 from .shading_inputs import MODELS, directions, material, pairs
 
@@ -23,8 +23,13 @@ ISAS = ("baseline", "avx2", "avx512")
 RELATIVE = 1e-5
 
 
-def twin(model: str, *arrays: Any) -> Any:
-    return reference.shade(model, *(torch.from_numpy(np.asarray(a, np.float64)) for a in arrays)).numpy()
+RULES: tuple[TurnedAway, ...] = ("clamp", "black")
+
+
+def twin(model: str, *arrays: Any, rule: TurnedAway = "clamp") -> Any:
+    return reference.shade(
+        model, *(torch.from_numpy(np.asarray(a, np.float64)) for a in arrays), turned_away=rule
+    ).numpy()
 
 
 def relative_error(got: Any, expected: Any) -> float:
@@ -88,10 +93,11 @@ def test_a_forked_process_shades_too() -> None:
     subprocess.run([sys.executable, "-c", script], check=True, timeout=60)
 
 
+@pytest.mark.parametrize("rule", RULES)
 @pytest.mark.parametrize("model", MODELS)
-def test_float64_agrees_with_the_twin_to_rounding(model: str) -> None:
+def test_float64_agrees_with_the_twin_to_rounding(model: str, rule: TurnedAway) -> None:
     case = [a.astype(np.float64) for a in inputs(model, 1, 50, 67)]
-    assert relative_error(shade(model, *case), twin(model, *case)) < 1e-8
+    assert relative_error(shade(model, *case, turned_away=rule), twin(model, *case, rule=rule)) < 1e-8
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -167,15 +173,41 @@ def test_any_strides_are_read_in_place() -> None:
 
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_nothing_below_the_horizon_of_light_or_view(model: str, dtype: Any) -> None:
+def test_nothing_below_the_horizon_of_the_light_and_black_below_that_of_the_view(model: str, dtype: Any) -> None:
     rng = np.random.default_rng(3)
     stored = material(rng, model, 20).astype(dtype)
     normal = LAYOUTS[model].normal
     stored[:, normal] = [0, 0, 1][: normal.stop - normal.start]
     up, down, level = [0, 0, 1], [0.6, 0, -0.8], [1, 0, 0]
-    light, view = [up, down, level, up, down], [down, up, up, level, down]
-    assert not shade(model, stored, light, view).any()
-    assert shade(model, stored, [up], [up]).all()
+    assert not shade(model, stored, [down, level, down], [up, up, down]).any()
+    assert not shade(model, stored, [up, up], [down, level], turned_away="black").any()
+    assert shade(model, stored, [up, up, up], [up, down, level]).any((1, 2)).all()
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_a_normal_that_turns_away_shades_as_engines_do(dtype: Any) -> None:
+    """glTF, by hand: D of n.h as it is, V with n.v = 1e-4, a diffuse term that does not know n.v."""
+    roughness, base, metallic = 0.5, 0.6, 0.25
+    stored = np.array([[base, base, base, metallic, roughness, 0, 0, 1]], dtype)
+    light, view = np.array([[0.0, 0.0, 1.0]]), np.array([[np.sqrt(1 - 0.3**2), 0.0, -0.3]])
+    half = (light + view) / np.linalg.norm(light + view)
+    alpha2, c = roughness**4, 1e-4
+    d = alpha2 / (np.pi * (half[0, 2] ** 2 * (alpha2 - 1) + 1) ** 2)
+    v = 0.5 / (np.sqrt(c * c + alpha2 * (1 - c * c)) + c)
+    weight = (1 - (light * half).sum()) ** 5
+    f0 = 0.04 + (base - 0.04) * metallic
+    expected = base * (1 - metallic) / np.pi * 0.96 * (1 - weight) + d * v * (f0 + (1 - f0) * weight)
+    assert np.allclose(shade("gltf", stored, light, view), expected, rtol=1e-5)
+    steeper = np.array([[0.8, 0.0, -0.6]])  # seen from this light no half vector is above the surface: diffuse alone
+    low = np.array([[-np.sqrt(1 - 0.25), 0.0, 0.5]])
+    weight = (1 - np.sqrt((1 + (low * steeper).sum()) / 2)) ** 5
+    expected = base * (1 - metallic) / np.pi * 0.96 * (1 - weight) * 0.5
+    assert np.allclose(shade("gltf", stored, low, steeper), expected, rtol=1e-5)
+
+
+def test_an_unknown_rule_is_named() -> None:
+    with pytest.raises(UsageError, match="turned_away is 'white': expected one of clamp, black"):
+        shade("ggx", *inputs("ggx", 1, 1, 1), turned_away="white")  # type: ignore[arg-type]
 
 
 EXTREMES = (0.0, -0.0, 1.0, -1.0, 1e-30, -1e-30, 1e30, -1e30, 80.0, -80.0, 3e38, -3e38)

@@ -14,7 +14,7 @@ from mipbake import _native
 from mipbake.errors import UsageError
 from mipbake.material import MODELS as RECORDS
 from mipbake.material import Kind
-from mipbake.shading import ops, reference
+from mipbake.shading import TurnedAway, ops, reference
 from mipbake.shading import shade as shade_numpy
 
 from .shading_inputs import MODELS, material, pairs, smooth_material
@@ -47,21 +47,38 @@ def gradient(shade: Any, model: str, arguments: list[Tensor], weights: Tensor) -
     return grad.detach()
 
 
+@pytest.mark.parametrize("rule", ["clamp", "black"])
 @pytest.mark.parametrize("model", MODELS)
-def test_gradcheck(model: str) -> None:
+def test_gradcheck(model: str, rule: TurnedAway) -> None:
     stored, light, view = tensors(model, 2, 5, 3, torch.float64, smooth=True)
-    assert torch.autograd.gradcheck(lambda m: ops.shade(model, m, light, view), (stored,))
+    assert torch.autograd.gradcheck(lambda m: ops.shade(model, m, light, view, turned_away=rule), (stored,))
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_gradients_on_both_sides_of_where_the_normal_turns_away(model: str) -> None:
+    """Finite differences at n.v from -0.3 to 0.3, and next to where it begins to be held."""
+    stored, *_ = tensors(model, 1, 1, 6, torch.float64, smooth=True)
+    cosines = torch.tensor([-0.3, -0.02, -1e-3, 5e-5, 3e-4, 0.3], dtype=torch.float64)
+    normal = RECORDS[model].normal
+    upright = stored.detach().clone()
+    upright[..., normal] = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)[: normal.stop - normal.start]
+    view = torch.stack([(1 - cosines**2).sqrt(), 0 * cosines, cosines], -1)[None, None]
+    light = torch.nn.functional.normalize(torch.tensor([0.1, 0.5, 0.9], dtype=torch.float64), dim=0).expand(1, 1, 6, 3)
+    texels = upright.requires_grad_()
+    assert torch.autograd.gradcheck(lambda m: ops.shade(model, m, light, view), (texels,), eps=1e-7)
+    assert (ops.shade(model, texels, light, view) > 0).all()
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("model", MODELS)
-@pytest.mark.parametrize(("dtype", "tolerance"), [(torch.float64, 1e-8), (torch.float32, 1e-4)])
+@pytest.mark.parametrize(("dtype", "tolerance"), [(torch.float64, 1e-8), (torch.float32, 2e-4)])
 def test_gradients_are_those_of_the_twin_in_float64(model: str, dtype: torch.dtype, tolerance: float) -> None:
     weights = torch.randn(2, 40, 70, 3, generator=torch.Generator().manual_seed(1))
     expected = gradient(reference.shade, model, tensors(model, 2, 40, 70, torch.float64), weights.double())
     got = gradient(ops.shade, model, tensors(model, 2, 40, 70, dtype), weights)
     # Relative to what the terms of each sum amount to, because where terms of both signs cancel no float32 sum is
-    # exact; and to a little of what they amount to elsewhere, because a direction without anisotropy only rounds.
+    # exact; and to a little of what they amount to elsewhere, because a direction without anisotropy only rounds. What
+    # cancels within a pair is not seen by that: peak and width of a lobe, by the roughness.
     magnitude = gradient(absolute_sum, model, tensors(model, 2, 40, 70, torch.float64), weights.double())
     assert expected.abs().amax((0, 1)).all()
     scale = magnitude + 1e-3 * magnitude.mean((0, 1))

@@ -159,6 +159,7 @@ def test_reciprocity(model: str) -> None:
     texels = material(rng, model, 100)
     texels[:, RECORDS[model].normal][:, :2] = 0
     light, view = (np.abs(directions(rng, 50)) for _ in range(2))
+    light, view = (each[each[:, 2] > 1e-4][:45] for each in (light, view))  # below it is held for the view alone
     forth = shade(model, texels, light, view) / light[:, 2, None, None]
     back = shade(model, texels, view, light) / view[:, 2, None, None]
     np.testing.assert_allclose(forth, back, rtol=1e-10)
@@ -189,10 +190,15 @@ def test_models_agree_where_they_describe_the_same_metal() -> None:
     for shape in SHAPES:
         ggx = shade("ggx", stored("ggx", *shape, base=0.7), light, view)
         np.testing.assert_allclose(
-            shade("gltf-anisotropic", stored("gltf-anisotropic", *shape, base=0.7), light, view), ggx, rtol=1e-9
+            shade("gltf-anisotropic", stored("gltf-anisotropic", *shape, base=0.7), light, view),
+            ggx,
+            rtol=1e-9,
+            atol=1e-15,
         )
-        if shape[1] == 0:
-            np.testing.assert_allclose(shade("gltf", stored("gltf", *shape, base=0.7), light, view), ggx, rtol=1e-9)
+        if shape[1] == 0:  # where the normal turns away, masking of round lobes knows the held cosine alone
+            seen = view[:, 2] > 1e-4
+            gltf = shade("gltf", stored("gltf", *shape, base=0.7), light, view)
+            np.testing.assert_allclose(gltf[seen], ggx[seen], rtol=1e-9, atol=1e-15)
 
 
 def test_a_value_worked_out_by_hand() -> None:

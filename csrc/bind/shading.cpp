@@ -54,7 +54,8 @@ bool is_double(const Input& material) {
 }
 
 // The Python modules check what users pass; these checks keep a mistake of theirs from reading out of bounds.
-mipbake::ShadeArgs arguments(const std::string& model, const Input& material, const Input& light, const Input& view) {
+mipbake::ShadeArgs arguments(const std::string& model, const Input& material, const Input& light, const Input& view,
+                             bool black) {
     const int index = index_of(model);
     if (material.ndim() != 3) throw nb::value_error("expected a material of 3 axes");
     if (light.ndim() != 3 && light.ndim() != 4) throw nb::value_error("expected lights of 3 or 4 axes");
@@ -75,7 +76,8 @@ mipbake::ShadeArgs arguments(const std::string& model, const Input& material, co
             static_cast<std::int64_t>(N),
             strided(material),
             directions(light),
-            directions(view)};
+            directions(view),
+            black};
 }
 
 // Whether the arrays are on the GPU; throws where this build has no kernels for the device they are on.
@@ -86,8 +88,8 @@ bool on_gpu(const Input& a) {
 }
 
 void shade(const std::string& model, const Input& material, const Input& light, const Input& view,
-           const Output& radiance, std::uintptr_t stream) {
-    const mipbake::ShadeArgs args = arguments(model, material, light, view);
+           const Output& radiance, std::uintptr_t stream, bool black) {
+    const mipbake::ShadeArgs args = arguments(model, material, light, view, black);
     require(radiance, material, "radiance", {material.shape(0), light.shape(1), material.shape(1), 3}, true);
     void* const out = radiance.data();
     const bool gpu = on_gpu(material);
@@ -101,8 +103,9 @@ void shade(const std::string& model, const Input& material, const Input& light, 
 }
 
 void shade_backward(const std::string& model, const Input& material, const Input& light, const Input& view,
-                    const Input& grad_radiance, const Output& grad_material, std::uintptr_t stream, bool duals) {
-    const mipbake::ShadeArgs args = arguments(model, material, light, view);
+                    const Input& grad_radiance, const Output& grad_material, std::uintptr_t stream, bool duals,
+                    bool black) {
+    const mipbake::ShadeArgs args = arguments(model, material, light, view, black);
     const std::size_t B = material.shape(0), N = material.shape(1), C = material.shape(2);
     require(grad_radiance, material, "grad_radiance", {B, light.shape(1), N, 3}, true);
     require(grad_material, material, "grad_material", {B, N, C}, true);
@@ -120,7 +123,7 @@ void shade_backward(const std::string& model, const Input& material, const Input
 }
 
 void shade_lit(const std::string& model, const Input& material, const Input& frame, const Input& view,
-               const Input& light, const Input& radiance, const Output& out) {
+               const Input& light, const Input& radiance, const Output& out, bool black) {
     if (material.ndim() != 3 || light.ndim() != 3) throw nb::value_error("expected materials and lights of 3 axes");
     if (material.device_type() != nb::device::cpu::value) throw nb::value_error("expected arrays on the CPU");
     const mipbake::ModelInfo info = mipbake::model_info(index_of(model));
@@ -143,7 +146,8 @@ void shade_lit(const std::string& model, const Input& material, const Input& fra
                                         view.data(),
                                         {view.stride(0), view.stride(1), view.stride(2)},
                                         light.data(),
-                                        radiance.data()};
+                                        radiance.data(),
+                                        black};
     void* const to = out.data();
     const nb::gil_scoped_release release;
     mipbake::shade_lit_cpu(args, to);
@@ -164,17 +168,18 @@ void bind_shading(nb::module_& m) {
         },
         "(name, stored channels) of every material model.");
     m.def("shade", &shade, nb::arg("model"), nb::arg("material"), nb::arg("light"), nb::arg("view"),
-          nb::arg("radiance"), nb::arg("stream") = 0,
+          nb::arg("radiance"), nb::arg("stream") = 0, nb::arg("black") = false,
           "Writes f(theta, l, v) of material (B, N, C), light and view (B, K, 3) or both (B, K, N, 3) into radiance "
-          "(B, K, N, 3).");
+          "(B, K, N, 3). `black` is what is shaded where the normal turns away from the viewer.");
     m.def(
         "shade_lit", &shade_lit, nb::arg("model"), nb::arg("material"), nb::arg("frame"), nb::arg("view"),
-        nb::arg("light"), nb::arg("radiance"), nb::arg("out"),
+        nb::arg("light"), nb::arg("radiance"), nb::arg("out"), nb::arg("black") = false,
         "Writes the sum over lights (B, K, 3) of radiance (B, K, 3) * f(theta, l, v) of material (B, N, C) with frame "
         "(B, N, 3, 3), view (B, N, 3) into out (B, N, 3).");
     m.def(
         "shade_backward", &shade_backward, nb::arg("model"), nb::arg("material"), nb::arg("light"), nb::arg("view"),
         nb::arg("grad_radiance"), nb::arg("grad_material"), nb::arg("stream") = 0, nb::arg("duals") = false,
+        nb::arg("black") = false,
         "Writes the gradient by the material into grad_material (B, N, C), from grad_radiance (B, K, N, 3); arguments "
         "as for shade.");
 }

@@ -77,7 +77,7 @@ struct Kernel {
         const ShadeArgs& args;
         const ShadeTile& tile;
         MIPBAKE_INLINE Pair<S, W, T> operator()(std::int64_t k, std::int64_t n) const {
-            return Pair<S, W, T>::of(load(args.light, k, n), load(args.view, k, n));
+            return Pair<S, W, T>::of(load(args.light, k, n), load(args.view, k, n), TurnedAway::rule(args.black));
         }
 
       private:

@@ -12,7 +12,9 @@ void make_pairs(const ShadeArgs& args, std::int64_t b, std::int64_t k0, std::int
         const std::int64_t s = a.strides[2];
         return Vec3<S>{v[0], v[s], v[2 * s]};
     };
-    for (std::int64_t k = k0; k < k1; ++k) pairs[k - k0] = Pair<S>::of(vector(args.light, k), vector(args.view, k));
+    const TurnedAway rule = TurnedAway::rule(args.black);
+    for (std::int64_t k = k0; k < k1; ++k)
+        pairs[k - k0] = Pair<S>::of(vector(args.light, k), vector(args.view, k), rule);
 }
 
 }  // namespace

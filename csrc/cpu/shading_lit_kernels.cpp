@@ -45,7 +45,7 @@ struct LitKernel {
             return Vec3<T>{load_lanes(planes[0]), load_lanes(planes[1]), load_lanes(planes[2])};
         };
         const Axes<T> axes = {vector(frame), vector(frame + 3), vector(frame + 6)};
-        return Seen::of(P::template surface<W, T>(channels), axes, vector(view));
+        return Seen::of(P::template surface<W, T>(channels), axes, vector(view), TurnedAway::rule(args.black));
     }
 
     static T load_lanes(const S* data) {

@@ -24,7 +24,7 @@ __device__ Vec3<float> direction(const StridedDirections& a, Index b, Index k, I
 }
 
 __device__ Pair<float> pair_of(const ShadeArgs& args, Index b, Index k, Index n) {
-    return Pair<float>::of(direction(args.light, b, k, n), direction(args.view, b, k, n));
+    return Pair<float>::of(direction(args.light, b, k, n), direction(args.view, b, k, n), TurnedAway::rule(args.black));
 }
 
 // All threads of the block load pairs [k0, k0 + count), which every texel has, into shared memory.

@@ -1,13 +1,13 @@
 // A Lambertian term, and an anisotropic microfacet term with the generalised Beckmann distribution
 // (docs/conventions.md; Aittala et al. 2015):
 //
-//     f = (k albedo / pi + D V F) l_n,   zero where l_n <= 0 or v_n <= 0
+//     f = (k albedo / pi + D V F) l_n,   zero where l_n <= 0
 //     D = exp(-q^gamma) / (pi Gamma(1 + 1/gamma) sqrt(det S) h_n^4),   q = h_t^T S^-1 h_t / h_n^2
-//     V = 1/2 / (l_n G(v) + v_n G(l)),   G of beckmann_masking.h
+//     V = 1/2 / (l_n G(v) + c G(l)),     G of beckmann_masking.h
 //
-// The rest is as in ggx_lobe.h, with its surface, to which gamma is added, and its two types. Here q takes the wide
-// type: its power is the argument of an exponential, so that a digit lost in q is many lost in D. V is for gamma = 1
-// whatever gamma is, which is an approximation.
+// D is zero where h_n <= 0. The rest is as in ggx_lobe.h, with its surface, to which gamma is added, and its two types.
+// Here q takes the wide type: its power is the argument of an exponential, so that a digit lost in q is many lost in D.
+// V is for gamma = 1 whatever gamma is, which is an approximation.
 //
 // The slope of q^gamma at q = 0 has no bound for gamma < 1; below kLeastQ the power is replaced by its chord from 0.
 #pragma once
@@ -26,12 +26,12 @@ constexpr double kLeastQ = 1e-20;
 constexpr double kLeastHeight = 1e-6;
 
 template <class W, class T>
-struct BeckmannSurface : GgxSurface<W, T> {  // peak is D at h = n
+struct BeckmannSurface : GgxSurface<W, T, TwoWidths> {  // peak is D at h = n
     W gamma;
 
     template <class A, class B, class F>
     static MIPBAKE_INLINE void zip_shape(A& a, B& b, F f) {
-        GgxSurface<W, T>::zip_shape(a, b, f);
+        GgxSurface<W, T, TwoWidths>::zip_shape(a, b, f);
         f(a.gamma, b.gamma);
     }
 };
@@ -75,7 +75,7 @@ struct BeckmannLobe {
     template <class W, class T, class S, class PW, class PT>
     static MIPBAKE_INLINE Vec3<T> evaluate(const BeckmannSurface<W, T>& s, const Pair<S, PW, PT>& p) {
         const Terms<W, T, S> c = Terms<W, T, S>::of(s, p);
-        const T specular = select(c.lit, c.unit_specular * s.peak, T(0));
+        const T specular = c.unit_specular * s.peak;
         const T cosine = select(c.lit, c.l_n, T(0)) * Model::diffuse_weight(p.schlick);
         const PT rest = 1 - p.schlick;
         return {s.diffuse.x * cosine + (s.f0.x * rest + p.schlick) * specular,
@@ -117,55 +117,54 @@ struct BeckmannLobe {
         // By l_n: flow / l_n - flow (G(v) + v_n erf) / X = flow v_n s E / (l_n X), which does not cancel.
         const T l_bar = dot(g, s.diffuse) * weight + height_bar +
                         g_specular * c.per_cosine * s.peak * c.v_n * c.of_light.s * c.of_light.slope * c.inverse_x;
-        const T v_bar = height_bar - over_x * (c.of_light.g + c.l_n * (1 - c.of_view.erfc));
+        const T v_bar = height_bar - select(c.held, T(0), over_x * (c.of_light.g + c.l_n * (1 - c.of_view.erfc)));
         accumulate(adjoint.n, l_bar, p.l, v_bar, p.v);
         accumulate(adjoint.w1, y_bar * c.y1, p.h);
         accumulate(adjoint.w2, y_bar * c.y2, p.h);
-        accumulate(adjoint.u1, -(gl_bar * c.l_u1), p.l, -(gv_bar * c.v_u1), p.v);
-        accumulate(adjoint.u2, -(gl_bar * c.l_u2), p.l, -(gv_bar * c.v_u2), p.v);
+        s.width.add_adjoint(c.form_l, gl_bar, p.l, c.form_v, gv_bar, p.v, adjoint.width);
     }
 
   private:
     template <class W, class T, class S>
     struct Terms {
-        T l_n, v_n;  // n.l, n.v; 1 where either is not positive, so that nothing below divides by 0
+        T l_n, v_n;  // n.l, 1 where nothing is lit, so that nothing below divides by 0; n.v as held
         W q;
         Stretched<W, T> lobe;      // exp(-q^gamma)
         T y1, y2, inverse_height;  // h.w1, h.w2, 1 / h.n
-        T l_u1, l_u2, v_u1, v_u2;  // l.u1, ...
+        typename TwoWidths<T>::Form form_l, form_v;
         BeckmannMasking<T> of_light, of_view;
         T inverse_x;      // 1 / (l_n G(v) + v_n G(l))
-        T per_cosine;     // D V where peak is 1
+        T per_cosine;     // D V where peak is 1; 0 where nothing is reflected
         T unit_specular;  // D V l_n where peak is 1
-        decltype(T(0) > T(0)) lit;
+        decltype(T(0) > T(0)) lit, held;
 
         template <class PW, class PT>
         static MIPBAKE_INLINE Terms of(const BeckmannSurface<W, T>& s, const Pair<S, PW, PT>& p) {
             Terms c;
             const W l_wide = dot(s.n, p.light), v_wide = dot(s.n, p.view);
             const T l_n = narrow<T>(l_wide), v_n = narrow<T>(v_wide);
-            c.lit = both(l_n > T(kHorizon), v_n > T(kHorizon));
+            c.lit = both(l_n > T(kHorizon), v_n > T(p.least));
+            c.held = T(p.held) > v_n;
             c.l_n = select(c.lit, l_n, T(1));
-            c.v_n = select(c.lit, v_n, T(1));
+            c.v_n = larger(v_n, T(p.held));
+            const T h_n = narrow<T>(l_wide + v_wide) * p.scale;
             const W y1 = dot(s.w1, p.sum), y2 = dot(s.w2, p.sum);
             const W inverse_sum = 1.0 / larger(l_wide + v_wide, W(kHorizon));
             c.q = (y1 * y1 + y2 * y2) * (inverse_sum * inverse_sum);
             c.lobe = Stretched<W, T>::of(c.q, s.gamma);
             c.y1 = narrow<T>(y1) * p.scale;
             c.y2 = narrow<T>(y2) * p.scale;
-            c.l_u1 = dot(s.u1, p.l);
-            c.l_u2 = dot(s.u2, p.l);
-            c.v_u1 = dot(s.u1, p.v);
-            c.v_u2 = dot(s.u2, p.v);
-            c.of_light = BeckmannMasking<T>::of(c.l_n, c.l_u1 * c.l_u1 + c.l_u2 * c.l_u2);
-            c.of_view = BeckmannMasking<T>::of(c.v_n, c.v_u1 * c.v_u1 + c.v_u2 * c.v_u2);
-            const T height = larger((c.l_n + c.v_n) * p.scale, T(kLeastHeight));
+            c.form_l = s.width.form(p.l, c.l_n);
+            c.form_v = s.width.form(p.v, c.v_n);
+            c.of_light = BeckmannMasking<T>::of(c.l_n, c.form_l.value());
+            c.of_view = BeckmannMasking<T>::of(c.v_n, c.form_v.value());
+            const T height = larger(h_n, T(kLeastHeight));
             const T x = larger(c.l_n * c.of_view.g + c.v_n * c.of_light.g, T(1e-30f));
             const T inverse = S(1) / (height * x);
             c.inverse_height = inverse * x;
             c.inverse_x = inverse * height;
             const T fourth = square(square(c.inverse_height));
-            c.per_cosine = c.lobe.value * fourth * c.inverse_x * S(0.5);
+            c.per_cosine = select(both(c.lit, h_n > T(0)), c.lobe.value * fourth * c.inverse_x * S(0.5), T(0));
             c.unit_specular = c.per_cosine * c.l_n;
             return c;
         }

@@ -12,14 +12,13 @@ inline namespace MIPBAKE_ISA {
 
 template <class Model, class W, class T>
 struct BeckmannSeen : GgxSeen<Model, W, T> {  // but that g_v is G(v) of beckmann_masking.h
-    W gamma, v_wide;                          // v_n in W
+    W gamma, v_wide;                          // n_v in W
 
     static MIPBAKE_FUNCTION BeckmannSeen of(const BeckmannSurface<W, T>& surface, const Axes<T>& axes,
-                                            const Vec3<T>& view) {
+                                            const Vec3<T>& view, const TurnedAway& rule) {
         BeckmannSeen s;
-        static_cast<GgxSeen<Model, W, T>&>(s) = GgxSeen<Model, W, T>::of(surface, axes, view);
-        const T v_u1 = dot(s.u1, view), v_u2 = dot(s.u2, view);
-        s.g_v = BeckmannMasking<T>::of(s.v_n, v_u1 * v_u1 + v_u2 * v_u2).g;
+        static_cast<GgxSeen<Model, W, T>&>(s) = GgxSeen<Model, W, T>::of(surface, axes, view, rule);
+        s.g_v = BeckmannMasking<T>::of(s.v_n, s.width.form(view, s.v_n).value()).g;
         s.gamma = surface.gamma;
         s.v_wide = dot(s.n, Vec3<W>{widen<W>(view.x), widen<W>(view.y), widen<W>(view.z)});
         return s;
@@ -38,14 +37,15 @@ struct BeckmannSeen : GgxSeen<Model, W, T> {  // but that g_v is G(v) of beckman
         const W inverse_sum = 1.0 / larger(dot(this->n, light.direction) + v_wide, W(kHorizon));
         const W q = (y1 * y1 + y2 * y2) * (inverse_sum * inverse_sum);
         const T lobe = Stretched<W, T>::of(q, gamma).value;
-        const T l_u1 = dot(this->u1, light.l), l_u2 = dot(this->u2, light.l);
-        const T g_l = BeckmannMasking<T>::of(l_n, l_u1 * l_u1 + l_u2 * l_u2).g;
+        const T g_l = BeckmannMasking<T>::of(l_n, this->width.form(light.l, l_n).value()).g;
         const T x = larger(l_n * this->g_v + this->v_n * g_l, T(1e-30f));
-        const T height = larger(l_n + this->v_n, length * T(kLeastHeight));
+        const T above = l_n + this->n_v;  // (l + v).n
+        const T height = larger(above, length * T(kLeastHeight));
         const T inverse = T(1) / larger(height * x, T(1e-30f));
         const T fourth = square(square(length * inverse * x));
         const T lambert = select(counts, cosine, T(0));  // times the model's weight, below
-        const T specular = this->half_peak * lobe * fourth * (inverse * height * lambert);
+        const T reflected = select(above > T(0), lambert, T(0));
+        const T specular = this->half_peak * lobe * fourth * (inverse * height * reflected);
         const T mirror = specular * schlick, rest = specular - mirror;
         const T matte = lambert * Model::diffuse_weight(schlick);
         sum.x = sum.x + (this->diffuse.x * matte + this->f0.x * rest + mirror) * light.radiance.x;

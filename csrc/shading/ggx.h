@@ -18,13 +18,13 @@ struct Ggx : GgxLobe<Ggx> {
     }
 
     template <class R>
-    static MIPBAKE_INLINE void prepare_colour(const R* c, GgxSurface<R, R>& s) {
+    static MIPBAKE_INLINE void prepare_colour(const R* c, Surface<R, R>& s) {
         s.diffuse = {c[0] * 0.3183098861837907, c[1] * 0.3183098861837907, c[2] * 0.3183098861837907};
         s.f0 = {c[3], c[4], c[5]};
     }
 
     template <class R>
-    static MIPBAKE_INLINE void prepare_shape(const R* c, GgxSurface<R, R>& s) {
+    static MIPBAKE_INLINE void prepare_shape(const R* c, Surface<R, R>& s) {
         const Frame<R> frame = tangent_frame(lift_normal(c[0], c[1]));
         s.n = frame.n;
         set_log_tensor(s, frame, c + 2);

@@ -19,41 +19,34 @@ struct Light {
     Vec3<S> l, radiance;     // the direction in S
 };
 
-// The tangent frame's axes as rows, in the space of lights and viewer.
-template <class T>
-struct Axes {
-    Vec3<T> t, b, n;
-
-    // The vector with components a along the axes.
-    MIPBAKE_INLINE Vec3<T> combine(const Vec3<T>& a) const { return t * a.x + b * a.y + n * a.z; }
-};
-
-template <class Model, class W, class T>
+template <class Model, class W, class T, template <class> class Width>
 struct GgxSeen {
-    Vec3<W> n, w1, w2;  // n is 0 where the viewer is below the horizon: no light is above it then
+    Vec3<W> n, w1, w2;  // n is 0 where nothing is seen, so that no light is above its horizon
     W v_w1, v_w2;       // v.w1, v.w2
-    Vec3<T> v, u1, u2, diffuse, f0;
-    T v_n, g_v;  // n.v and G(v); 1 where the viewer is below the horizon
+    Vec3<T> v, diffuse, f0;
+    Width<T> width;
+    T n_v;       // n.v
+    T v_n, g_v;  // n.v as held, and G(v)
     T half_peak;
 
-    static MIPBAKE_FUNCTION GgxSeen of(const GgxSurface<W, T>& surface, const Axes<T>& axes, const Vec3<T>& view) {
+    static MIPBAKE_FUNCTION GgxSeen of(const GgxSurface<W, T, Width>& surface, const Axes<T>& axes, const Vec3<T>& view,
+                                       const TurnedAway& rule) {
         const Axes<W> wide = {widened(axes.t), widened(axes.b), widened(axes.n)};
         GgxSeen s;
         s.v = view;
         s.n = wide.combine(surface.n);
         s.w1 = wide.combine(surface.w1);
         s.w2 = wide.combine(surface.w2);
-        s.u1 = axes.combine(surface.u1);
-        s.u2 = axes.combine(surface.u2);
+        s.width = surface.width.turned(axes);
         const Vec3<W> v = widened(view);
         s.v_w1 = dot(s.w1, v);
         s.v_w2 = dot(s.w2, v);
-        const W v_n = dot(s.n, v);
-        const auto seen = v_n > W(kHorizon);
+        const W n_v = dot(s.n, v);
+        const auto seen = n_v > W(rule.least);
         s.n = {select(seen, s.n.x, W(0)), select(seen, s.n.y, W(0)), select(seen, s.n.z, W(0))};
-        s.v_n = narrow<T>(select(seen, v_n, W(1)));
-        const T v_u1 = dot(s.u1, view), v_u2 = dot(s.u2, view);
-        s.g_v = square_root(s.v_n * s.v_n + v_u1 * v_u1 + v_u2 * v_u2);
+        s.n_v = narrow<T>(n_v);
+        s.v_n = narrow<T>(larger(n_v, W(rule.held)));
+        s.g_v = square_root(s.v_n * s.v_n + s.width.form(view, s.v_n).value());
         s.diffuse = surface.diffuse;
         s.f0 = surface.f0;
         s.half_peak = surface.peak * T(0.5f);
@@ -78,13 +71,13 @@ struct GgxSeen {
         const T length2 = dot(s, s);
         const T schlick = fifth_power(larger(T(1) - square_root(length2) * T(0.5f), T(0)));
         const T y1 = narrow<T>(dot(w1, light.direction) + v_w1), y2 = narrow<T>(dot(w2, light.direction) + v_w2);
-        const T q = y1 * y1 + y2 * y2 + square(l_n + v_n);
-        const T l_u1 = dot(u1, light.l), l_u2 = dot(u2, light.l);
-        const T g_l = square_root(l_n * l_n + l_u1 * l_u1 + l_u2 * l_u2);
+        const T above = l_n + n_v;  // (l + v).n
+        const T q = y1 * y1 + y2 * y2 + above * above;
+        const T g_l = square_root(l_n * l_n + width.form(light.l, l_n).value());
         const T x = l_n * g_v + v_n * g_l;
         const T a = length2 / larger(q * x, T(1e-30f));
         const T lambert = select(counts, cosine, T(0));  // times the model's weight, below
-        const T specular = half_peak * a * (a * x) * lambert;
+        const T specular = select(above > T(0), half_peak * a * (a * x) * lambert, T(0));
         const T mirror = specular * schlick, rest = specular - mirror;
         const T matte = lambert * Model::diffuse_weight(schlick);
         sum.x = sum.x + (diffuse.x * matte + f0.x * rest + mirror) * light.radiance.x;

@@ -20,15 +20,15 @@ MIPBAKE_INLINE S dielectric_transmission(S schlick) {
     return S(1 - kDielectricF0) * (1 - schlick);
 }
 
-template <class R>
-MIPBAKE_FUNCTION void set_metallic(GgxSurface<R, R>& s, const R& r, const R& g, const R& b, const R& metallic) {
+template <class Surface, class R>
+MIPBAKE_FUNCTION void set_metallic(Surface& s, const R& r, const R& g, const R& b, const R& metallic) {
     const R share = (1.0 - metallic) * 0.3183098861837907;
     s.diffuse = {r * share, g * share, b * share};
     s.f0 = {kDielectricF0 + (r - kDielectricF0) * metallic, kDielectricF0 + (g - kDielectricF0) * metallic,
             kDielectricF0 + (b - kDielectricF0) * metallic};
 }
 
-struct Gltf : GgxLobe<Gltf> {
+struct Gltf : GgxLobe<Gltf, OneWidth> {
     static constexpr const char* name = "gltf";
     static constexpr int channels = 8, colour_channels = 4;
 
@@ -38,16 +38,16 @@ struct Gltf : GgxLobe<Gltf> {
     }
 
     template <class R>
-    static MIPBAKE_INLINE void prepare_colour(const R* c, GgxSurface<R, R>& s) {
+    static MIPBAKE_INLINE void prepare_colour(const R* c, Surface<R, R>& s) {
         set_metallic(s, c[0], c[1], c[2], c[3]);
     }
 
     template <class R>
-    static MIPBAKE_INLINE void prepare_shape(const R* c, GgxSurface<R, R>& s) {
+    static MIPBAKE_INLINE void prepare_shape(const R* c, Surface<R, R>& s) {
         const R alpha = square(clamp(c[0], kMinRoughness, kMaxRoughness));
         const Frame<R> frame = any_frame(unit_normal(Vec3<R>{c[1], c[2], c[3]}));
         s.n = frame.n;
-        set_axes(s, frame.t, alpha, frame.b, alpha);
+        set_axes(s, frame.t, frame.b, alpha);
     }
 };
 

@@ -17,12 +17,12 @@ struct GltfAnisotropic : GgxLobe<GltfAnisotropic> {
     }
 
     template <class R>
-    static MIPBAKE_INLINE void prepare_colour(const R* c, GgxSurface<R, R>& s) {
+    static MIPBAKE_INLINE void prepare_colour(const R* c, Surface<R, R>& s) {
         set_metallic(s, c[0], c[1], c[2], c[3]);
     }
 
     template <class R>
-    static MIPBAKE_INLINE void prepare_shape(const R* c, GgxSurface<R, R>& s) {
+    static MIPBAKE_INLINE void prepare_shape(const R* c, Surface<R, R>& s) {
         const R alpha = square(clamp(c[0], kMinRoughness, kMaxRoughness));
         const R along = alpha + (1.0 - alpha) * square(clamp(c[6], -1, 1));
         const Frame<R> frame = tangent_frame(unit_normal(Vec3<R>{c[1], c[2], c[3]}));

@@ -9,7 +9,7 @@ inline namespace MIPBAKE_ISA {
 
 // Sets the fields that describe the microfacets from a, b, c.
 template <class R>
-MIPBAKE_FUNCTION void set_log_tensor(GgxSurface<R, R>& s, const Frame<R>& frame, const R* abc) {
+MIPBAKE_FUNCTION void set_log_tensor(GgxSurface<R, R, TwoWidths>& s, const Frame<R>& frame, const R* abc) {
     // S = exp([[a, c], [c, b]]) (Kemppinen et al. 2023, equation 6). With m = (a + b) / 2, d = (a - b) / 2 and
     // r = sqrt(d^2 + c^2): S = e^m [[A, C], [C, B]], A = cosh r + d sinh(r) / r, C = c sinh(r) / r, A B - C^2 = 1.
     // m is held to [-30, 10] and r to 20, at the same direction of (d, c), far beyond any material, so that nothing
@@ -40,8 +40,8 @@ MIPBAKE_FUNCTION void set_log_tensor(GgxSurface<R, R>& s, const Frame<R>& frame,
     const R inverse_scale = 1.0 / scale;
     const R l11 = square_root(scale * A);
     const R inverse_l11 = 1.0 / l11;
-    s.u1 = (frame.t + frame.b * shear) * l11;
-    s.u2 = frame.b * (scale * inverse_l11);
+    s.width.u1 = (frame.t + frame.b * shear) * l11;
+    s.width.u2 = frame.b * (scale * inverse_l11);
     s.w1 = frame.t * inverse_l11;
     s.w2 = (frame.b - frame.t * shear) * (l11 * inverse_scale);
     s.peak = inverse_scale * 0.3183098861837907;

@@ -15,9 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 from mipbake._aligned import contiguous
 from mipbake.errors import UsageError
 from mipbake.material import model_named
-from mipbake.shading._arguments import LIT_AXES, batch_shape, lit_batch, per_texel
+from mipbake.shading._arguments import LIT_AXES, TurnedAway, batch_shape, is_black, lit_batch, per_texel
 
-__all__ = ["models", "shade", "shade_lit"]
+__all__ = ["TurnedAway", "models", "shade", "shade_lit"]
 
 _DTYPES = (np.dtype(np.float32), np.dtype(np.float64))
 
@@ -29,14 +29,17 @@ def models() -> Mapping[str, int]:
     return dict(_native.models())
 
 
-def shade(model: str, material: ArrayLike, light: ArrayLike, view: ArrayLike) -> NDArray[Any]:
+def shade(
+    model: str, material: ArrayLike, light: ArrayLike, view: ArrayLike, *, turned_away: TurnedAway = "clamp"
+) -> NDArray[Any]:
     """Radiance towards `view` of every texel, lit by unit radiance from `light`: f(theta, l, v), the cosine included.
 
-    f = (k albedo / pi + D V F) max(n.l, 0), and 0 where n.l <= 0 or n.v <= 0 (in fact up to 1e-9), with the anisotropic
-    GGX distribution D, height-correlated Smith masking-shadowing V and Schlick's Fresnel term F (docs/conventions.md,
-    section 2). k is 1 for `ggx`, and 0.96 (1 - (1 - l.h)^5) for `gltf` and `gltf-anisotropic` (glTF 2.0, appendix B).
-    `beckmann` is `ggx` with the generalised Beckmann distribution of Aittala et al. 2015 for D, and in V the masking of
-    Beckmann (gamma = 1) whatever gamma is: an approximation.
+    f = (k albedo / pi + D V F) max(n.l, 0), and 0 where n.l <= 0 (in fact up to 1e-9), with the anisotropic GGX
+    distribution D, which is 0 where n.h <= 0, height-correlated Smith masking-shadowing V, in which n.v is held to
+    1e-4, and Schlick's Fresnel term F (docs/conventions.md, section 2). k is 1 for `ggx`, and 0.96 (1 - (1 - l.h)^5)
+    for `gltf` and `gltf-anisotropic` (glTF 2.0, appendix B). `beckmann` is `ggx` with the generalised Beckmann
+    distribution of Aittala et al. 2015 for D, and in V the masking of Beckmann (gamma = 1) whatever gamma is: an
+    approximation.
 
     Args:
         model: a name in `mipbake.material.MODELS`.
@@ -47,6 +50,7 @@ def shade(model: str, material: ArrayLike, light: ArrayLike, view: ArrayLike) ->
         light: (K, 3) or (B, K, 3) unit vectors in tangent space, from the surface to the light; or (B, K, N, 3) for
             vectors of each texel; an axis of size 1 or stride 0 repeats. Converted to the dtype of the material.
         view: the same, from the surface to the viewer.
+        turned_away: `clamp`; or `black`, with which f is 0 where n.v <= 0, and n.v is not held.
 
     A batch axis of size 1, or none, repeats for every item of the others.
 
@@ -56,11 +60,11 @@ def shade(model: str, material: ArrayLike, light: ArrayLike, view: ArrayLike) ->
         instruction set and for any number of threads.
 
     Raises:
-        UsageError: an unknown model, or an argument whose dtype or shape does not fit, by name.
+        UsageError: an unknown model or rule, or an argument whose dtype or shape does not fit, by name.
     """
     from mipbake import _native
 
-    texels = _texels(material)
+    texels, black = _texels(material), is_black(turned_away)
     to_light, to_view = _like(texels, light=light, view=view)
     batch, K, N = batch_shape(model_named(model).channels, texels.shape, to_light.shape, to_view.shape)
     B = 1 if batch is None else batch
@@ -68,12 +72,20 @@ def shade(model: str, material: ArrayLike, light: ArrayLike, view: ArrayLike) ->
     if out.size:
         of_texels = per_texel(to_light.shape, to_view.shape)
         lights, views = (_expanded(_readable(a), B, N if of_texels else None) for a in (to_light, to_view))
-        _native.shade(model, _repeated(_readable(texels), (B, *texels.shape[-2:])), lights, views, out)
+        repeated = _repeated(_readable(texels), (B, *texels.shape[-2:]))
+        _native.shade(model, repeated, lights, views, out, black=black)
     return out[0] if batch is None else out
 
 
 def shade_lit(
-    model: str, material: ArrayLike, frame: ArrayLike, view: ArrayLike, light: ArrayLike, radiance: ArrayLike
+    model: str,
+    material: ArrayLike,
+    frame: ArrayLike,
+    view: ArrayLike,
+    light: ArrayLike,
+    radiance: ArrayLike,
+    *,
+    turned_away: TurnedAway = "clamp",
 ) -> NDArray[Any]:
     """Radiance towards the viewer of points under K directional lights: the sum of radiance_k f(theta, l_k, v).
 
@@ -91,6 +103,7 @@ def shade_lit(
         view: (N, 3) unit vectors in the world, from the point to the viewer.
         light: (K, 3) unit vectors in the world, from the surface to the light.
         radiance: (K, 3) of each light, its solid angle included: the irradiance of what faces it. Finite.
+        turned_away: as in `shade`.
 
     Returns:
         (N, 3), or (B, N, 3), in the dtype of the material. Each point's sum runs over the lights in order, in that
@@ -98,12 +111,12 @@ def shade_lit(
         alpha >= 0.002 and radiance of one sign. The same bits on every instruction set and for any number of threads.
 
     Raises:
-        UsageError: an unknown model, an argument whose dtype or shape does not fit, or radiance that is not finite, by
-            name.
+        UsageError: an unknown model or rule, an argument whose dtype or shape does not fit, or radiance that is not
+            finite, by name.
     """
     from mipbake import _native
 
-    texels = _texels(material)
+    texels, black = _texels(material), is_black(turned_away)
     axes, to_view, to_light, power = _like(texels, frame=frame, view=view, light=light, radiance=radiance)
     given = (texels, axes, to_view, to_light, power)
     batch = lit_batch(model_named(model).channels, *(array.shape for array in given))
@@ -116,7 +129,7 @@ def shade_lit(
     )
     out = np.empty((*texels.shape[:2], 3), texels.dtype)
     if out.size:
-        _native.shade_lit(model, texels, axes, to_view, contiguous(to_light), contiguous(power), out)
+        _native.shade_lit(model, texels, axes, to_view, contiguous(to_light), contiguous(power), out, black)
     return out[0] if batch is None else out
 
 

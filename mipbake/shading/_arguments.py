@@ -3,10 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Literal, get_args
 
 from mipbake.errors import UsageError
 
 Shape = tuple[int, ...]
+
+TurnedAway = Literal["clamp", "black"]
+"""What is shaded where the shading normal turns away from the viewer. `clamp`: masking holds n.v to 1e-4 and nothing
+else knows of it, as real-time engines do. `black`: nothing, as pbrt does."""
+
+
+def is_black(turned_away: str) -> bool:
+    """Whether the rule is `black`; UsageError, with the list of rules, where it is no rule."""
+    if turned_away not in get_args(TurnedAway):
+        raise UsageError(f"turned_away is {turned_away!r}: expected one of {', '.join(get_args(TurnedAway))}")
+    return turned_away == "black"
 
 
 def batch_shape(channels: int, material: Shape, light: Shape, view: Shape) -> tuple[int | None, int, int]:

@@ -7,14 +7,22 @@ from numpy.typing import NDArray
 
 from mipbake._aligned import contiguous
 from mipbake.material import model_named
-from mipbake.shading._arguments import batch_shape, per_texel
+from mipbake.shading._arguments import TurnedAway, batch_shape, is_black, per_texel
 
 __all__ = ["shade_adjoint"]
 
 _Floats = NDArray[np.float32]
 
 
-def shade_adjoint(model: str, material: _Floats, light: _Floats, view: _Floats, radiance: _Floats) -> _Floats:
+def shade_adjoint(
+    model: str,
+    material: _Floats,
+    light: _Floats,
+    view: _Floats,
+    radiance: _Floats,
+    *,
+    turned_away: TurnedAway = "clamp",
+) -> _Floats:
     """The gradient of the sum of `radiance * shade(model, material, light, view)` by the material.
 
     The same kernel as the gradient of `mipbake.shading.ops.shade`, with the same limits and the same bits.
@@ -30,10 +38,11 @@ def shade_adjoint(model: str, material: _Floats, light: _Floats, view: _Floats, 
         (B, N, C).
 
     Raises:
-        UsageError: an unknown model, or a shape that does not fit, by name.
+        UsageError: an unknown model or rule, or a shape that does not fit, by name.
     """
     from mipbake import _native
 
+    black = is_black(turned_away)
     batch, pairs, texels = batch_shape(model_named(model).channels, material.shape, light.shape, view.shape)
     size = 1 if batch is None else batch
     each = (texels,) if per_texel(light.shape, view.shape) else ()
@@ -48,5 +57,6 @@ def shade_adjoint(model: str, material: _Floats, light: _Floats, view: _Floats, 
         np.broadcast_to(view, (size, pairs, *each, 3)),
         contiguous(radiance).reshape(size, pairs, texels, 3),
         out,
+        black=black,
     )
     return out

@@ -12,12 +12,12 @@ from mipbake._forward_mode import refuse_tangents
 from mipbake._stream import current_stream
 from mipbake.errors import UsageError
 from mipbake.material import model_named
-from mipbake.shading._arguments import batch_shape, per_texel
+from mipbake.shading._arguments import TurnedAway, batch_shape, is_black, per_texel
 
 __all__ = ["shade"]
 
 
-def shade(model: str, material: Tensor, light: Tensor, view: Tensor) -> Tensor:
+def shade(model: str, material: Tensor, light: Tensor, view: Tensor, *, turned_away: TurnedAway = "clamp") -> Tensor:
     """Radiance of every texel under every light-view pair; `mipbake.shading.shade` with a gradient to the material.
 
     Args:
@@ -27,22 +27,24 @@ def shade(model: str, material: Tensor, light: Tensor, view: Tensor) -> Tensor:
         light: (K, 3) or (B, K, 3) unit vectors, or (B, K, N, 3) for vectors of each texel; an axis of size 1 or stride
             0 repeats; on the material's device; converted to its dtype.
         view: the same.
+        turned_away: as in `mipbake.shading.shade`.
 
     A batch axis of size 1, or none, repeats for every item of the others.
 
     Returns:
         (K, N, 3), or (B, K, N, 3) where any argument has a batch axis.
 
-    The gradient by the material is exact, and 0 where a texel is unlit or unseen, in a roughness below its floor and in
-    a normal or direction shorter than 1e-6. Nothing is stored for it: the backward pass shades again (Kemppinen et al.
-    2023, section 3.3). Each texel's sum runs over the pairs in order: the same bits whatever the number of threads.
-    Lights and views get no gradient: one that requires it is an error, and detach() says that none is wanted. There is
-    no second derivative.
+    The gradient by the material is exact, and 0 where a texel is unlit, in a roughness below its floor and in a normal
+    or direction shorter than 1e-6. The gradient of an n.v that is held is 0; n.h keeps its own. Nothing is stored for
+    it: the backward pass shades again (Kemppinen et al. 2023, section 3.3). Each texel's sum runs over the pairs in
+    order: the same bits whatever the number of threads. Lights and views get no gradient: one that requires it is an
+    error, and detach() says that none is wanted. There is no second derivative.
 
     Raises:
-        UsageError: an unknown model, or an argument whose type, dtype, device or shape does not fit, by name.
+        UsageError: an unknown model or rule, or an argument whose type, dtype, device or shape does not fit, by name.
     """
     _check_tensor("material", material)
+    black = is_black(turned_away)
     if material.dtype not in (torch.float32, torch.float64):
         raise UsageError(f"material is {material.dtype}: expected float32 or float64")
     device = material.device.type
@@ -57,7 +59,7 @@ def shade(model: str, material: Tensor, light: Tensor, view: Tensor) -> Tensor:
     B = 1 if batch is None else batch
     each = N if per_texel(light.shape, view.shape) else None
     out: Tensor = _shade(
-        model, material.expand(B, N, material.shape[-1]), _expanded(light, B, each), _expanded(view, B, each)
+        model, material.expand(B, N, material.shape[-1]), _expanded(light, B, each), _expanded(view, B, each), black
     )
     return out[0] if batch is None else out
 
@@ -89,24 +91,26 @@ def _direction(name: str, tensor: Tensor, material: Tensor) -> Tensor:
 
 
 @torch.library.custom_op("mipbake::shade", mutates_args=())
-def _shade(model: str, material: Tensor, light: Tensor, view: Tensor) -> Tensor:
+def _shade(model: str, material: Tensor, light: Tensor, view: Tensor, black: bool = False) -> Tensor:
     from mipbake import _native
 
     out = material.new_empty((material.shape[0], light.shape[1], material.shape[1], 3))
     if out.numel():
         with current_stream(material, "material") as stream:
             material, light, view = (aligned(tensor.detach()) for tensor in (material, light, view))
-            _native.shade(model, material, light, view, out, stream)
+            _native.shade(model, material, light, view, out, stream, black)
     return out
 
 
 @_shade.register_fake
-def _(_model: str, material: Tensor, light: Tensor, _view: Tensor) -> Tensor:
+def _(_model: str, material: Tensor, light: Tensor, _view: Tensor, _black: bool = False) -> Tensor:
     return material.new_empty((material.shape[0], light.shape[1], material.shape[1], 3))
 
 
 @torch.library.custom_op("mipbake::shade_backward", mutates_args=())
-def _shade_backward(model: str, material: Tensor, light: Tensor, view: Tensor, grad: Tensor) -> Tensor:
+def _shade_backward(
+    model: str, material: Tensor, light: Tensor, view: Tensor, grad: Tensor, black: bool = False
+) -> Tensor:
     from mipbake import _native
 
     out = material.new_empty(material.shape)
@@ -114,24 +118,26 @@ def _shade_backward(model: str, material: Tensor, light: Tensor, view: Tensor, g
         return out.zero_()
     with current_stream(material, "material") as stream:
         material, light, view = (aligned(tensor.detach()) for tensor in (material, light, view))
-        _native.shade_backward(model, material, light, view, aligned(grad.detach().contiguous()), out, stream)
+        flowing = aligned(grad.detach().contiguous())
+        _native.shade_backward(model, material, light, view, flowing, out, stream, black=black)
     return out
 
 
 @_shade_backward.register_fake
-def _(_model: str, material: Tensor, _light: Tensor, _view: Tensor, _grad: Tensor) -> Tensor:
+def _(_model: str, material: Tensor, _light: Tensor, _view: Tensor, _grad: Tensor, _black: bool = False) -> Tensor:
     return material.new_empty(material.shape)
 
 
-def _setup_context(ctx: Any, inputs: tuple[str, Tensor, Tensor, Tensor], output: Tensor) -> None:  # noqa: ARG001
-    ctx.model, *tensors = inputs
+def _setup_context(ctx: Any, inputs: tuple[str, Tensor, Tensor, Tensor, bool], output: Tensor) -> None:  # noqa: ARG001
+    ctx.model, *tensors, ctx.black = inputs
     ctx.save_for_backward(*tensors)
 
 
-def _backward(ctx: Any, grad: Tensor) -> tuple[None, Tensor | None, None, None]:
+def _backward(ctx: Any, grad: Tensor) -> tuple[None, Tensor | None, None, None, None]:
     material, light, view = ctx.saved_tensors
     needed = ctx.needs_input_grad[1]
-    return None, _shade_backward(ctx.model, material, light, view, grad) if needed else None, None, None
+    by_material = _shade_backward(ctx.model, material, light, view, grad, ctx.black) if needed else None
+    return None, by_material, None, None, None
 
 
 _shade.register_autograd(_backward, setup_context=_setup_context)

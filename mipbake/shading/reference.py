@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from mipbake.material import DIELECTRIC_F0, MAX_LOG_GAMMA, MIN_ROUGHNESS, model_named
-from mipbake.shading._arguments import LIT_AXES, batch_shape, lit_batch
+from mipbake.shading._arguments import LIT_AXES, TurnedAway, batch_shape, is_black, lit_batch
 
 __all__ = ["MODELS", "beckmann_distribution", "distribution", "shade", "shade_lit"]
 
@@ -31,18 +31,29 @@ class Surface(NamedTuple):
     """Whether the diffuse term carries glTF's factor 1 - F_d, with F_d = 0.04 + 0.96 (1 - l.h)^5."""
     gamma: Tensor | None = None
     """Exponent of the generalised Beckmann distribution; None for GGX."""
+    isotropic: bool = False
+    """Whether w_t^T S w_t is alpha^2 (1 - w_n^2) of a cosine that is held, and not of the direction itself."""
 
 
-def shade(model: str, material: Tensor, light: Tensor, view: Tensor) -> Tensor:
+def shade(model: str, material: Tensor, light: Tensor, view: Tensor, *, turned_away: TurnedAway = "clamp") -> Tensor:
     """f(theta, l, v), the cosine included: arguments, shapes and result of `mipbake.shading.ops.shade`."""
     batch, *_ = batch_shape(model_named(model).channels, material.shape, light.shape, view.shape)
     surface = MODELS[model](material.clamp(-1e4, 1e4).unsqueeze(-3))  # (B, 1, N, .), against pairs of (B, K, 1 or N, 3)
     light, view = (d if d.ndim == 4 else d.unsqueeze(-2) for d in (light, view))
-    radiance = evaluate(surface, light, view)
+    radiance = evaluate(surface, light, view, is_black(turned_away))
     return radiance if batch is None or radiance.ndim == 4 else radiance[None]
 
 
-def shade_lit(model: str, material: Tensor, frame: Tensor, view: Tensor, light: Tensor, radiance: Tensor) -> Tensor:
+def shade_lit(
+    model: str,
+    material: Tensor,
+    frame: Tensor,
+    view: Tensor,
+    light: Tensor,
+    radiance: Tensor,
+    *,
+    turned_away: TurnedAway = "clamp",
+) -> Tensor:
     """The sum over lights of radiance f(theta, l, v): arguments, shapes and result of `mipbake.shading.shade_lit`."""
     given = (material, frame, view, light, radiance)
     surfaces = lit_batch(model_named(model).channels, *(tuple(each.shape) for each in given))
@@ -50,34 +61,41 @@ def shade_lit(model: str, material: Tensor, frame: Tensor, view: Tensor, light: 
         every = [
             each.expand(surfaces, *each.shape[-axes:]) for each, axes in zip(given, LIT_AXES.values(), strict=True)
         ]
-        return torch.stack([shade_lit(model, *one) for one in zip(*every, strict=True)])
+        return torch.stack([shade_lit(model, *one, turned_away=turned_away) for one in zip(*every, strict=True)])
     local_light = torch.einsum("nij,kj->kni", frame, light)
     local_view = torch.einsum("nij,nj->ni", frame, view).expand_as(local_light)
-    f = shade(model, material, local_light[None], local_view[None])[0]
+    f = shade(model, material, local_light[None], local_view[None], turned_away=turned_away)[0]
     return torch.einsum("knc,kc->nc", f, radiance)
 
 
-def evaluate(s: Surface, light: Tensor, view: Tensor) -> Tensor:
-    """f = (k albedo / pi + D V F) l_n, 0 where l_n <= 0 or v_n <= 0. Shapes broadcast."""
+def evaluate(s: Surface, light: Tensor, view: Tensor, black: bool = False) -> Tensor:
+    """f = (k albedo / pi + D V F) l_n, 0 where l_n <= 0; D is 0 where h_n <= 0, and V holds v_n to 1e-4. With `black` f
+    is 0 where v_n <= 0, and v_n is not held. Shapes broadcast."""
     total = light + view
     half = total / total.norm(dim=-1, keepdim=True).clamp_min(1e-15)
     lt, lb, ln = _in_frame(light, s.normal)
     vt, vb, vn = _in_frame(view, s.normal)
-    lit = (ln > 1e-9) & (vn > 1e-9)
+    lit = (ln > 1e-9) & (vn > 1e-9) if black else (ln > 1e-9) & torch.isfinite(vn)
+    reflected = lit & (ln + vn > 0)
     # Unlit pairs get an upright geometry, so that no gradient through torch.where is NaN.
-    ln, vn = torch.where(lit, ln, 1.0), torch.where(lit, vn, 1.0)
+    ln, vn = torch.where(lit, ln, 1.0), torch.where(lit, vn if black else vn.clamp_min(1e-4), 1.0)
     masking = _ggx_masking if s.gamma is None else _beckmann_masking
-    visibility = 0.5 / (ln * masking(vn, _form(s.tensor, vt, vb)) + vn * masking(ln, _form(s.tensor, lt, lb)))
+    if s.isotropic:
+        alpha2 = s.tensor[..., 0]
+        form_l, form_v = alpha2 * (1 - ln * ln), alpha2 * (1 - vn * vn)
+    else:
+        form_l, form_v = _form(s.tensor, lt, lb), _form(s.tensor, vt, vb)
+    visibility = 0.5 / (ln * masking(vn, form_v) + vn * masking(ln, form_l))
     schlick = (1 - (light * half).sum(-1)).clamp_min(0) ** 5
     fresnel = s.f0 + (1 - s.f0) * schlick[..., None]
     weight = (1 - DIELECTRIC_F0) * (1 - schlick) if s.dielectric_diffuse else torch.ones_like(schlick)
-    # Unlit pairs get a half vector along the normal, for the same reason.
-    half = torch.where(lit[..., None], half, s.normal)
+    # What reflects nothing gets a half vector along the normal, for the same reason.
+    half = torch.where(reflected[..., None], half, s.normal)
     if s.gamma is None:
         d = distribution(s.tensor, s.normal, half)
     else:
         d = beckmann_distribution(s.tensor, s.gamma, s.normal, half)
-    specular = d * visibility
+    specular = torch.where(reflected, d * visibility, 0.0)
     f = (s.albedo / math.pi * weight[..., None] + fresnel * specular[..., None]) * ln[..., None]
     return torch.where(lit[..., None], f, 0.0)
 
@@ -159,7 +177,7 @@ def _gltf(c: Tensor) -> Surface:
     base, metallic, alpha = c[..., 0:3], c[..., 3:4], c[..., 4].clamp(MIN_ROUGHNESS, 100) ** 2
     f0 = DIELECTRIC_F0 + (base - DIELECTRIC_F0) * metallic
     tensor = torch.stack([alpha * alpha, alpha * alpha, torch.zeros_like(alpha)], -1)
-    return Surface(base * (1 - metallic), f0, _normalized(c[..., 5:8], 2), tensor, True)
+    return Surface(base * (1 - metallic), f0, _normalized(c[..., 5:8], 2), tensor, True, isotropic=True)
 
 
 def _gltf_anisotropic(c: Tensor) -> Surface:
@@ -167,7 +185,7 @@ def _gltf_anisotropic(c: Tensor) -> Surface:
     along, across = (alpha + (1 - alpha) * c[..., 10].clamp(-1, 1) ** 2) ** 2, alpha**2
     x, y = _normalized(c[..., 8:10], 0).unbind(-1)
     tensor = torch.stack([along * x * x + across * y * y, along * y * y + across * x * x, (along - across) * x * y], -1)
-    return _gltf(c[..., 0:8])._replace(tensor=tensor)
+    return _gltf(c[..., 0:8])._replace(tensor=tensor, isotropic=False)
 
 
 def _ggx(c: Tensor) -> Surface:

@@ -14,6 +14,7 @@ using namespace mipbake;
 namespace {
 
 constexpr int kPairs = 40, kTexels = 83;
+constexpr TurnedAway kRule = TurnedAway::rule(false);
 
 struct Case {
     std::vector<float> material, light, view;
@@ -67,7 +68,7 @@ void agrees_with_the_kernels(int index) {
         typename Model::template Surface<float, float> sums;
         Prepare<Model>::zip(sums, sums, [](float& a, float&) { a = 0; });
         for (int k = 0; k < kPairs; ++k) {
-            const auto pair = Pair<float>::of(direction(c.light, k), direction(c.view, k));
+            const auto pair = Pair<float>::of(direction(c.light, k), direction(c.view, k), kRule);
             const Vec3<float> f = Model::evaluate(surface, pair);
             const std::size_t at = 3 * static_cast<std::size_t>(k * kTexels + n);
             Model::evaluate_adjoint(surface, pair, Vec3<float>{weights[at], weights[at + 1], weights[at + 2]}, sums);
@@ -132,7 +133,7 @@ void lights_agree_with_the_kernels(int index) {
         const auto local = [&](const Vec3<float>& w) {
             return Vec3<float>{dot(axes.t, w), dot(axes.b, w), dot(axes.n, w)};
         };
-        const auto seen = Model::template Seen<double, float>::of(surface, axes, direction(views, n));
+        const auto seen = Model::template Seen<double, float>::of(surface, axes, direction(views, n), kRule);
         Vec3<float> got = {0, 0, 0};
         double sum[3] = {0, 0, 0};
         for (int k = 0; k < kPairs; ++k) {
@@ -140,7 +141,8 @@ void lights_agree_with_the_kernels(int index) {
             const Light<float> light = {{l.x, l.y, l.z}, l, power};
             const float cosine = seen.cosine(light);
             if (seen.lit(cosine)) seen.add(light, cosine, got);
-            const Vec3<float> f = Model::evaluate(surface, Pair<float>::of(local(l), local(direction(views, n))));
+            const Vec3<float> f =
+                Model::evaluate(surface, Pair<float>::of(local(l), local(direction(views, n)), kRule));
             sum[0] += double(power.x) * f.x;
             sum[1] += double(power.y) * f.y;
             sum[2] += double(power.z) * f.z;
@@ -197,7 +199,7 @@ void beckmann_is_finite_at_its_ends() {
                 const double channels[12] = {0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0, 0, log_alpha2, log_alpha2, 0, g};
                 const auto surface = Prepare<Beckmann>::surface<double, float>(channels);
                 for (const Vec3<float> v : {Vec3<float>{0, 0, 1}, {-0.6f, 0, 0.8f}, {1, 0, 3e-9f}, {-1, 0, 3e-9f}}) {
-                    const auto pair = Pair<float>::of(l, v);
+                    const auto pair = Pair<float>::of(l, v, kRule);
                     const Vec3<float> f = Beckmann::evaluate(surface, pair);
                     CHECK(std::isfinite(f.x));
                     Beckmann::Surface<float, float> sums;

@@ -7,9 +7,10 @@ const float COAT_ROUGHNESS = 0.1, COAT_F0 = 0.04;
 
 float fresnel(float f0, float cosine) { return f0 + (1.0 - f0) * pow(clamp(1.0 - cosine, 0.0, 1.0), 5.0); }
 
-// D V of GGX with height-correlated masking; a2 is roughness^4, and both cosines are positive.
-float lobe(vec3 n, vec3 h, float nl, float nv, float a2) {
-    float nh = dot(n, h);
+// D V of GGX with height-correlated masking; a2 is roughness^4. n.v is held where the normal turns away from the viewer.
+float lobe(vec3 n, vec3 h, float nl, float seen, float a2) {
+    float nh = dot(n, h), nv = max(seen, 1e-4);
+    if (nh <= 0.0) return 0.0;
     vec3 across = cross(n, h);
     float q = nh * nh * a2 + dot(across, across);
     float visible = 0.5 / (nl * sqrt(nv * nv * (1.0 - a2) + a2) + nv * sqrt(nl * nl * (1.0 - a2) + a2));
@@ -29,7 +30,7 @@ vec3 shade(Surface s) {
     for (int i = 0; i < light_count; i++) {
         vec3 l = light_directions[i], h = normalize(l + v), seen = vec3(0.0);
         float nl = dot(n, l), coat_nl = dot(coat, l), lh = dot(l, h);
-        if (nl > 0.0 && nv > 0.0) {
+        if (nl > 0.0) {
             float weight = pow(max(1.0 - lh, 0.0), 5.0);
             vec3 diffuse = base * (1.0 - metallic) / PI * 0.96 * (1.0 - weight);
             seen += passed * (diffuse + (f0 + (1.0 - f0) * weight) * lobe(n, h, nl, nv, a2)) * nl;

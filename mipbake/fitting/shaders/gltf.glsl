@@ -9,9 +9,8 @@ vec3 shade(Surface s) {
     float roughness = max(look_up(roughness_map).r, 0.045);  // engines have the same floor
     float len = length(stored);
     vec3 n = len > 1e-6 ? s.frame * (stored / len) : s.frame[2], v = s.view;
-    float a2 = pow(roughness, 4.0), nv = dot(n, v);
+    float a2 = pow(roughness, 4.0), nv = max(dot(n, v), 1e-4);  // held where the normal turns away from the viewer
     vec3 f0 = mix(vec3(0.04), base, metallic), total = vec3(0.0);
-    if (nv <= 0.0) return total;
     for (int i = 0; i < light_count; i++) {
         vec3 l = light_directions[i];
         float nl = dot(n, l);
@@ -21,7 +20,7 @@ vec3 shade(Surface s) {
         float nh = dot(n, h), weight = pow(max(1.0 - dot(l, h), 0.0), 5.0);
         vec3 across = cross(n, h);
         float q = nh * nh * a2 + dot(across, across);
-        float d = a2 / (PI * q * q);
+        float d = nh > 0.0 ? a2 / (PI * q * q) : 0.0;
         float visible = 0.5 / (nl * sqrt(nv * nv * (1.0 - a2) + a2) + nv * sqrt(nl * nl * (1.0 - a2) + a2));
         vec3 diffuse = base * (1.0 - metallic) / PI * 0.96 * (1.0 - weight);
         total += (diffuse + (f0 + (1.0 - f0) * weight) * d * visible) * nl * light_radiances[i];

@@ -112,10 +112,11 @@ float masking(Surface s, vec3 w) {
     return w.z * (1.0 - erfc) + alpha * e * inversesqrt(PI);
 }
 
-// f(theta, l, v), the cosine included: zero where n.l <= 0 or n.v <= 0.
+// f(theta, l, v), the cosine included: zero where n.l <= 0. Where the normal turns away from the viewer, masking holds n.v
+// to 1e-4, and D is zero where n.h <= 0.
 vec3 shade(Surface s, vec3 light, vec3 view) {
     vec3 l = inFrame(light, s.normal), v = inFrame(view, s.normal);
-    if (l.z <= 1e-9 || v.z <= 1e-9) return vec3(0);
+    if (l.z <= 1e-9) return vec3(0);
     vec3 halfway = normalize(light + view);
     vec3 h = inFrame(halfway, s.normal), S = s.tensor;
     float det = S.x * S.y - S.z * S.z;
@@ -123,7 +124,9 @@ vec3 shade(Surface s, vec3 light, vec3 view) {
     float z2 = h.z * h.z;
     float D = s.gamma == 0.0 ? 1.0 / pow2(q + z2)
                              : s.norm * exp(-pow(max(q / max(z2, 1e-12), 1e-20), s.gamma)) / pow2(max(z2, 1e-12));
-    D /= PI * sqrt(det);
+    D = h.z > 0.0 ? D / (PI * sqrt(det)) : 0.0;
+    bool isotropic = S.x == S.y && S.z == 0.0;  // then masking knows the cosine alone
+    if (v.z < 1e-4) v = isotropic ? vec3(1.0, 0.0, 1e-4) : vec3(v.xy, 1e-4);
     float V = 0.5 / (l.z * masking(s, v) + v.z * masking(s, l));
     float schlick = pow(max(1.0 - dot(light, halfway), 0.0), 5.0);
     vec3 F = s.f0 + (1.0 - s.f0) * schlick;
