@@ -84,7 +84,7 @@ def main() -> int:
         for kind, name, materials in drawn(options.sets, model, options.texels):
             after = {network: made(info, model, materials) for network, info in known.items()}
             for pairs in PAIR_SETS:
-                directions = weighted_pair_set(pairs, 0, materials, model)
+                directions = weighted_pair_set(pairs, 0, materials[None], model)
                 light, view, weights = directions.light, directions.view, directions.weights[:, None]
                 true = shade(model, materials, light, view)
                 for network, each in after.items():

