@@ -143,10 +143,8 @@ def in_motion(scene: Scene, candidates: Sequence[Candidate], lod: float, draws: 
         start, *ends = (scene.shown(each, place, lod) for place in places)
         changes = [end - start for end in ends]
         both = list(zip(compared, changes, strict=True))
-        flicker, snr = (
-            np.sum([sums(of, change) for of, change in both], 0)
-            for sums in (_Compared.flicker_sums, _Compared.snr_sums)
-        )
+        flicker = np.sum([of.flicker_sums(change) for of, change in both], 0)
+        snr = np.sum([of.snr_sums(change) for of, change in both], 0)
         yield ("flicker", each.name, lod), scene.weighed(flicker) / points
         yield ("flicker-snr", each.name, lod), scene.weighed(snr) / points
 

@@ -60,14 +60,15 @@ def mixed_density(lobe: Floats, light: Floats, view: Floats) -> NDArray[np.float
 
     In float64, where 1 - cosine^2 may cancel, so that all pairs meet all lobes in one product of matrices.
     """
-    half = unit(light + view).astype(np.float64)
-    half /= np.linalg.norm(half, axis=-1, keepdims=True)
+    seen = view.astype(np.float64)
+    half = light + seen
+    half /= np.maximum(np.linalg.norm(half, axis=-1, keepdims=True), 1e-10)
     normal, alpha2 = lobe[:, :3].astype(np.float64), np.square(lobe[:, 3].astype(np.float64))
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
     cosine = np.abs(half @ normal.T)  # a half vector and its opposite reflect alike
     wide = 1 - (1 - alpha2) * np.square(cosine)
     distribution = (alpha2 / math.pi * cosine / np.square(wide)).mean(1)
-    return np.asarray(distribution * 0.25 / np.maximum(np.abs(_dot(half, view)), 1e-4))
+    return np.asarray(distribution * 0.25 / np.maximum(np.abs((half * seen).sum(-1)), 1e-4))
 
 
 def around_mirror_density(light: Floats, view: Floats) -> Floats:
