@@ -23,9 +23,10 @@ from numpy.typing import NDArray
 from results_sets import captured, folder_sets, in_model
 
 from mipbake.bake import DEFAULT_FILTER
-from mipbake.metrics.pairs import PAIR_SETS, pair_set
-from mipbake.metrics.snr import snr_db
+from mipbake.metrics.pairs import PAIR_SETS
+from mipbake.metrics.snr import snr_from_sums, snr_sums
 from mipbake.models.registry import WEIGHTS_FOLDER, WeightsInfo, default_weights, find_weights, load_network
+from mipbake.reference.pair_sets import weighted_pair_set
 from mipbake.shading import shade
 from mipbake.training.captured import MODEL as CAPTURED
 
@@ -83,13 +84,14 @@ def main() -> int:
         for kind, name, materials in drawn(options.sets, model, options.texels):
             after = {network: made(info, model, materials) for network, info in known.items()}
             for pairs in PAIR_SETS:
-                directions = pair_set(pairs, 0)
-                light, view = directions.light, directions.view
+                directions = weighted_pair_set(pairs, 0, materials[None], model)
+                light, view, weights = directions.light, directions.view, directions.weights[:, None]
                 true = shade(model, materials, light, view)
                 for network, each in after.items():
                     seen = shade(model, each, light, view)
                     found = {"model": model, "kind": kind, "set": name, "network": network, "pairs": pairs}
-                    rows.append({**found, "snr": snr_db(seen, true, true)})
+                    snr = float(snr_from_sums((weights * snr_sums(seen, true, true)).sum(0)))
+                    rows.append({**found, "snr": snr})
             print(f"{model} {name}", flush=True)
     options.results.write_text(json.dumps({"texels": options.texels, "rows": rows}, indent=1))
     return 0

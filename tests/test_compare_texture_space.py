@@ -15,13 +15,13 @@ from mipbake.compare.texture_space import MeasureEffort, TextureSpace, curve_lod
 from mipbake.metrics import (
     MEASURES,
     PAIR_SETS,
-    pair_set,
     snr_from_sums,
     snr_interval,
     snr_sums,
     tonemapped_error,
 )
 from mipbake.reference.estimate import reference
+from mipbake.reference.pair_sets import weighted_pair_set
 from mipbake.reference.sequences import random_points
 from mipbake.reference.source import FilteredSource
 from mipbake.render import candidate
@@ -64,6 +64,7 @@ def test_the_snr_is_that_of_the_metrics_for_the_same_renders() -> None:
     """Every block of 64 pairs has points of its own, and all blocks count in one figure."""
     texture_set = bumpy(32)
     source = FilteredSource(texture_set.material("gltf"), "gltf", texture_set.wrap, "tent")
+    sets = {name: weighted_pair_set(name, 3, source.stored, "gltf") for name in PAIR_SETS}
     with bake_all(texture_set, "gltf", "tent", ["lean (tent)", "linear (box)"]) as candidates:
         found = measure(texture_set, candidates, "tent", (1.5, 0.25), (), MeasureEffort(3, 160, 8))
         for index, lod in enumerate((1.5, 0.25)):
@@ -73,11 +74,11 @@ def test_the_snr_is_that_of_the_metrics_for_the_same_renders() -> None:
                 for block in range(16):
                     rng = np.random.default_rng([3, index, block])
                     uv = random_points(rng, 10)
-                    pairs = pair_set(name, 3)[64 * block : 64 * (block + 1)]
+                    pairs = sets[name][64 * block : 64 * (block + 1)]
                     first, second = (reference(source, uv, lod, pairs, 8, rng) for _ in range(2))
                     for each in candidates:
                         shown = candidate(each.levels, "gltf", texture_set.wrap, uv, lod, pairs)
-                        sums[each.name].append(snr_sums(shown, first, second))
+                        sums[each.name].append(pairs.weights[:, None] * snr_sums(shown, first, second))
                 lit |= {(each, name): snr_interval(np.concatenate(rows)) for each, rows in sums.items()}
             for point in found.curve:
                 if point.lod == lod:
@@ -157,12 +158,13 @@ def test_the_tonemapped_error_is_that_of_the_metrics() -> None:
     wrong = Candidate(Method("wrong", "linear", "box", "gltf"), [other.material("gltf")])
     found = measure(source, [wrong], "gaussian", (0,), ("near",), MeasureEffort(points=8, samples=16))
     for view in PAIR_SETS:
-        pairs = pair_set(view, 0)
+        pairs = weighted_pair_set(view, 0, source.material("gltf"), "gltf")
         p, r = (
             shading.shade("gltf", each.material("gltf")[0, :1], pairs.light, pairs.view) for each in (other, source)
         )
         error = figure(found, "wrong", "tonemapped", view, "near")
-        assert error.value == pytest.approx(tonemapped_error(p, r).mean, rel=1e-4)
+        each = tonemapped_error(p, r).per_pixel.reshape(-1)
+        assert error.value == pytest.approx(np.average(each, weights=pairs.weights), rel=1e-4)
         assert 0 < error.low < error.value < error.high
 
 

@@ -10,6 +10,7 @@ from mipbake import TextureSet
 from mipbake.errors import UsageError
 from mipbake.metrics import pair_set, snr_db
 from mipbake.reference.estimate import reference
+from mipbake.reference.pair_sets import weighted_pair_set
 from mipbake.reference.sequences import random_points
 from mipbake.reference.source import FilteredSource
 from mipbake.render import candidate
@@ -66,7 +67,7 @@ def test_a_checker_of_two_texels_matches_the_computation_on_paper() -> None:
     stack = mipbake.bake(texture_set, method="linear", pixel_filter="box")
     result = mipbake.validate(texture_set, stack, lods=(0, 1), points=4096, samples=128)
     for name in ("near-mirror", "hemisphere"):
-        pairs = pair_set(name, result.seed)
+        pairs = weighted_pair_set(name, result.seed, texture_set.material("gltf"), "gltf")
         light, view = pairs.light.astype(float), pairs.view.astype(float)
         half = (light + view) / np.linalg.norm(light + view, axis=-1, keepdims=True)
         fresnel = 0.04 + 0.96 * (1 - (light * half).sum(-1)) ** 5
@@ -75,8 +76,8 @@ def test_a_checker_of_two_texels_matches_the_computation_on_paper() -> None:
         smith = l_n * np.sqrt(v_n**2 * (1 - alpha2) + alpha2) + v_n * np.sqrt(l_n**2 * (1 - alpha2) + alpha2)
         diffuse = (1 - fresnel) / np.pi * l_n
         specular = distribution * fresnel / (2 * smith) * l_n
-        signal = (diffuse**2 * 17 / 60 + diffuse * specular + specular**2).sum()
-        expected = 10 * np.log10(signal / (diffuse**2 / 80).sum())
+        signal = pairs.weights @ (diffuse**2 * 17 / 60 + diffuse * specular + specular**2)
+        expected = 10 * np.log10(signal / (pairs.weights @ (diffuse**2 / 80)))
         assert result.snr(BAKED, name, 0.0) == pytest.approx(expected, abs=0.05)
         assert result.snr(BAKED, name, 1.0) > 55
 

@@ -17,12 +17,14 @@ from numpy.typing import NDArray
 from mipbake import material
 from mipbake.io.image_files import write_image
 from mipbake.io.publish import writing
-from mipbake.metrics import PAIR_SETS, LightViewPairs, pair_set, snr_db
+from mipbake.metrics import PAIR_SETS, LightViewPairs, pair_set, snr_from_sums, snr_sums
+from mipbake.metrics.pairs import WeightedPairs
 from mipbake.models.architecture import Architecture
 from mipbake.models.base import Network
 from mipbake.pixel_filter import Wrap
 from mipbake.prefilter.rules.linear import Linear
 from mipbake.reference.estimate import reference
+from mipbake.reference.pair_sets import weighted_pair_set
 from mipbake.reference.sequences import random_points
 from mipbake.reference.source import FilteredSource
 from mipbake.render import candidate
@@ -82,10 +84,11 @@ class Score:
 
 @dataclass(frozen=True)
 class _Patch:
-    """A held-out patch (H, W, C) in one of the models that the network reads."""
+    """A held-out patch (H, W, C) in one of the models that the network reads, and its pairs of all pair sets."""
 
     model: str
     stored: NDArray[np.float32]
+    pairs: WeightedPairs
 
 
 @dataclass(frozen=True)
@@ -104,16 +107,14 @@ class Validator:
     ) -> None:
         rng, self.effort = np.random.default_rng(_SEED), effort or ValidationEffort()
         self.models, self.pixel_filter = config.decoders, pixel_filter
-        sets = [pair_set(name, _SEED, self.effort.pairs) for name in _SETS]
-        self.pairs = LightViewPairs(*(np.concatenate([getattr(p, a) for p in sets]) for a in ("light", "view")))
         self.patches = [
-            _patch(materials, index, source, index // len(config.encoders), self.effort.patch_size)
+            _patch(materials, index, source, index // len(config.encoders), self.effort)
             for index, source in zip(range(self.effort.patches), itertools.cycle(config.encoders), strict=False)
         ]
         self.cases = [[self._case(patch, lod, rng) for lod in LODS] for patch in self.patches]
         self.linear = np.mean(
             [
-                self._snr(Linear()(p.stored, p.model, p.model, "box", _TORUS, lambda _: None).levels, p.model, cases)
+                self._snr(Linear()(p.stored, p.model, p.model, "box", _TORUS, lambda _: None).levels, p.model, p, cases)
                 for p, cases in zip(self.patches, self.cases, strict=True)
             ],
             0,
@@ -121,7 +122,7 @@ class Validator:
 
     def _case(self, patch: _Patch, lod: float, rng: np.random.Generator) -> _Case:
         uv = random_points(rng, self.effort.points)
-        first, second = (self._reference(patch, uv, lod, self.pairs, self.effort.samples, rng) for _ in range(2))
+        first, second = (self._reference(patch, uv, lod, patch.pairs, self.effort.samples, rng) for _ in range(2))
         return _Case(lod, uv, first, second)
 
     def _reference(
@@ -136,14 +137,16 @@ class Validator:
         source = FilteredSource(patch.stored, patch.model, _TORUS, self.pixel_filter)
         return reference(source, uv, lod, pairs, samples, rng)
 
-    def _snr(self, levels: list[NDArray[np.float32]], model: str, cases: list[_Case]) -> NDArray[np.float64]:
-        figures = np.empty((len(_SETS), len(cases)))
-        for column, case in enumerate(cases):
-            shaded = candidate(levels, model, _TORUS, case.uv, case.lod, self.pairs)
-            for row in range(len(_SETS)):
-                part = slice(row * self.effort.pairs, (row + 1) * self.effort.pairs)
-                figures[row, column] = snr_db(shaded[part], case.first[part], case.second[part])
-        return figures
+    def _snr(
+        self, levels: list[NDArray[np.float32]], model: str, patch: _Patch, cases: list[_Case]
+    ) -> NDArray[np.float64]:
+        """(pair sets, LODS) of a stack of a patch."""
+        figures = []
+        for case in cases:
+            shaded = candidate(levels, model, _TORUS, case.uv, case.lod, patch.pairs)
+            sums = snr_sums(shaded, case.first, case.second) * patch.pairs.weights[:, None]
+            figures.append(snr_from_sums(sums.reshape(len(_SETS), -1, sums.shape[-1]).sum(1)))
+        return np.stack(figures, 1)
 
     def stacks(self, network: Network, patch: _Patch) -> dict[str, list[NDArray[np.float32]]]:
         """The network's stacks of one patch, by model."""
@@ -157,7 +160,7 @@ class Validator:
         figures = []
         for patch, cases in zip(self.patches, self.cases, strict=True):
             stacks = self.stacks(network, patch)
-            figures.append([self._snr(stacks[model], model, cases) for model in self.models])
+            figures.append([self._snr(stacks[model], model, patch, cases) for model in self.models])
         return Score(self.models, np.mean(figures, 0), self.linear)
 
     def picture(self, network: Network, path: Path) -> None:
@@ -179,14 +182,18 @@ class Validator:
         _write_png(path, np.concatenate(rows))
 
 
-def _patch(materials: Materials, index: int, source: str, turn: int, size: int) -> _Patch:
+def _patch(materials: Materials, index: int, source: str, turn: int, effort: ValidationEffort) -> _Patch:
     """The middle of set `index` in a model; of a captured set every second turn, where that model reads such sets."""
     captured = materials.captured
     chosen = captured if captured is not None and captured.model == source and turn % 2 else materials
     image = chosen.images[index % len(chosen.images)]
+    size = effort.patch_size
     top, left = ((n - size) // 2 for n in image.shape[:2])
     stored = image[top : top + size, left : left + size].astype(np.float32)
-    return _Patch(source, material.regularise(material.convert(stored, chosen.model, source), source))
+    stored = material.regularise(material.convert(stored, chosen.model, source), source)
+    sets = [weighted_pair_set(name, _SEED, stored, source, effort.pairs) for name in _SETS]
+    pairs = WeightedPairs(*(np.concatenate([getattr(p, a) for p in sets]) for a in ("light", "view", "weights")))
+    return _Patch(source, stored, pairs)
 
 
 def _tonemap(radiance: NDArray[np.float32]) -> NDArray[np.float32]:

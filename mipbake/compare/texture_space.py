@@ -18,13 +18,12 @@ import numpy as np
 from mipbake._threads import on_threads
 from mipbake.compare.candidates import Candidate
 from mipbake.compare.result import SCALES, Figure
-from mipbake.compare.texture_sums import BLOCKS, Draws, Found, Scene, Sums, a_block, at_rest, blocks, in_motion
+from mipbake.compare.texture_sums import BLOCKS, Draws, Found, Sums, a_block, at_rest, in_motion, whole_scene
 from mipbake.errors import UsageError
 from mipbake.metrics import PAIR_SETS, Interval, bootstrap, flicker_interval, snr_gain_interval, snr_interval
 from mipbake.metrics.pairs import BLOCK
 from mipbake.metrics.snr import snr_from_sums
 from mipbake.pixel_filter import level_sizes
-from mipbake.reference.lighting import GroupPairs
 from mipbake.reference.source import FilteredSource
 from mipbake.texture_set import TextureSet
 
@@ -182,21 +181,20 @@ def measure(
 
     model = texture_set.source_model
     source = FilteredSource(texture_set.material(model), model, texture_set.wrap, pixel_filter)
-    every_pair, own = blocks(seed), a_block(points)
+    scene, own = whole_scene(source, seed), a_block(points)
     together = max(1, min(BLOCKS, _TOGETHER // own))
     parts = [slice(first, first + together) for first in range(0, BLOCKS, together)]
-    scenes = [Scene(source, GroupPairs(every_pair.light[part], every_pair.view[part])) for part in parts]
     texels = texture_set.width * texture_set.height
     drawn = {lod: effort.changes(texels / 4**lod, points, samples) for lod in shifted}
 
     def measured(item: int) -> list[Found]:
         index, part = divmod(item, len(parts))
-        lod = every[index]
+        lod, some = every[index], scene[parts[part]]
         rngs = [np.random.default_rng([seed, index, block]) for block in range(BLOCKS)[parts[part]]]
-        found = list(at_rest(scenes[part], candidates, lod, Draws(own, samples, rngs), lod in shifted))
+        found = list(at_rest(some, candidates, lod, Draws(own, samples, rngs), lod in shifted))
         if lod in shifted:
             count, most = drawn[lod]
-            found += in_motion(scenes[part], candidates, lod, Draws(a_block(count), most, rngs))
+            found += in_motion(some, candidates, lod, Draws(a_block(count), most, rngs))
         return found
 
     sums: _Collected = {}

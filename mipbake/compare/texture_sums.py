@@ -18,11 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.compare.candidates import Candidate
-from mipbake.metrics import PAIR_SETS, pair_set
+from mipbake.metrics import PAIR_SETS
 from mipbake.metrics.images import displayed
 from mipbake.metrics.pairs import BLOCK, PAIRS
 from mipbake.reference.estimate import estimate
 from mipbake.reference.lighting import GroupPairs
+from mipbake.reference.pair_sets import weighted_pair_set
 from mipbake.reference.samples import Pixels
 from mipbake.reference.sequences import random_points
 from mipbake.reference.source import FilteredSource
@@ -42,7 +43,7 @@ Radiance = NDArray[np.float32]
 """(B, K, P, 3) linear radiance of P pixels of each of B blocks, under K light-view pairs of the block."""
 
 Sums = NDArray[np.float64]
-"""(..., K, M): what each light-view pair adds to the M sums of a measure."""
+"""(..., K, M): what each light-view pair adds to the M sums of a measure, its weight included."""
 
 Found = tuple[tuple[str, str, float], Sums]
 """Measure, method and level of detail, and (B, K, M) sums of blocks of pairs."""
@@ -51,10 +52,20 @@ Found = tuple[tuple[str, str, float], Sums]
 @dataclass(frozen=True, eq=False)
 class Scene:
     """The source under its pixel filter, and some blocks of light-view pairs: BLOCK of every set, one set after the
-    other."""
+    other.
+
+    Args:
+        weights: (B, K) of the pairs in means over their sets.
+    """
 
     source: FilteredSource
     lighting: GroupPairs
+    weights: NDArray[np.float64]
+
+    def __getitem__(self, some: slice) -> Scene:
+        """Some of the blocks."""
+        lighting = GroupPairs(self.lighting.light[some], self.lighting.view[some])
+        return Scene(self.source, lighting, self.weights[some])
 
     def estimate(
         self, uv: NDArray[np.float64], lod: float, samples: int, rngs: Sequence[np.random.Generator]
@@ -65,6 +76,10 @@ class Scene:
         """One trilinear lookup of a candidate at each of (B, P, 2) uv, shaded once."""
         texels = looked_up(each.levels, uv.reshape(-1, 2), lod, self.source.wrap)
         return shade(each.method.model, texels.reshape(*uv.shape[:2], -1), self.lighting.light, self.lighting.view)
+
+    def weighed(self, sums: Sums) -> Sums:
+        """(B, K, M) sums of pairs, as they add up for their sets."""
+        return np.asarray(sums * self.weights[..., None])
 
 
 class Draws(NamedTuple):
@@ -80,14 +95,15 @@ class Draws(NamedTuple):
         return np.stack([random_points(rng, self.points) for rng in self.rngs])
 
 
-def blocks(seed: int) -> GroupPairs:
-    """All pairs, in BLOCKS groups."""
-    sets = [pair_set(name, seed) for name in PAIR_SETS]
-
-    def stacked(name: str) -> NDArray[np.float32]:
-        return np.concatenate([getattr(pairs, name).reshape(BLOCKS, BLOCK, 3) for pairs in sets], 1)
-
-    return GroupPairs(stacked("light"), stacked("view"))
+def whole_scene(source: FilteredSource, seed: int) -> Scene:
+    """All pairs, in BLOCKS blocks."""
+    sets = [weighted_pair_set(name, seed, source.stored, source.model) for name in PAIR_SETS]
+    light, view = (
+        np.concatenate([getattr(pairs, name).reshape(BLOCKS, BLOCK, 3) for pairs in sets], 1)
+        for name in ("light", "view")
+    )
+    weights = np.concatenate([pairs.weights.reshape(BLOCKS, BLOCK) for pairs in sets], 1)
+    return Scene(source, GroupPairs(light, view), weights)
 
 
 def a_block(points: int) -> int:
@@ -103,10 +119,11 @@ def at_rest(scene: Scene, candidates: Sequence[Candidate], lod: float, draws: Dr
     toned = displayed(compared.mean[:, :, :some]) if tones else None
     for each in candidates:
         shown = scene.shown(each, uv, lod)
-        yield ("snr", each.name, lod), compared.snr_sums(shown)
+        yield ("snr", each.name, lod), scene.weighed(compared.snr_sums(shown))
         if toned is not None:
             apart = np.abs(displayed(shown[:, :, :some]) - toned).sum((2, 3))
-            yield ("tonemapped", each.name, lod), np.stack([apart, np.full_like(apart, toned[0, 0].size)], -1)
+            sums = np.stack([apart, np.full_like(apart, toned[0, 0].size)], -1)
+            yield ("tonemapped", each.name, lod), scene.weighed(sums)
 
 
 def in_motion(scene: Scene, candidates: Sequence[Candidate], lod: float, draws: Draws) -> Iterator[Found]:
@@ -126,8 +143,10 @@ def in_motion(scene: Scene, candidates: Sequence[Candidate], lod: float, draws: 
         start, *ends = (scene.shown(each, place, lod) for place in places)
         changes = [end - start for end in ends]
         both = list(zip(compared, changes, strict=True))
-        yield ("flicker", each.name, lod), np.sum([of.flicker_sums(change) for of, change in both], 0) / points
-        yield ("flicker-snr", each.name, lod), np.sum([of.snr_sums(change) for of, change in both], 0) / points
+        flicker = np.sum([of.flicker_sums(change) for of, change in both], 0)
+        snr = np.sum([of.snr_sums(change) for of, change in both], 0)
+        yield ("flicker", each.name, lod), scene.weighed(flicker) / points
+        yield ("flicker-snr", each.name, lod), scene.weighed(snr) / points
 
 
 class _Compared:

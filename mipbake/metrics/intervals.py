@@ -1,7 +1,8 @@
 """Confidence intervals over light-view pairs: the percentile bootstrap.
 
-A figure is taken over pairs that were drawn at random, and near the mirror few of them carry much of the energy. The
-pairs are stratified, which the bootstrap does not know: intervals are somewhat too wide for that.
+A figure is taken over pairs that were drawn at random. All are drawn from one density, and a row of sums has the weight
+of its pair in it, so rows are alike. The pairs are stratified, which the bootstrap does not know: intervals are
+somewhat too wide for that.
 The interval says how far the figure would move with other pairs of the same set. It says nothing of other materials,
 nor of the pixels and samples, which are many. Efron and Tibshirani 1993, "An introduction to the bootstrap", chapter
 13: pairs are drawn with replacement, as many as there are, and the interval holds the middle of the figures of many

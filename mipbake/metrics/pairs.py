@@ -1,10 +1,11 @@
-"""Sets of light-view pairs. The sets rank methods differently, so both are always reported.
+"""Laws of light-view pairs. The sets rank methods differently, so both are always reported.
 
 Adding slope variance to alpha^2 gets the peak of a lobe right, which `near-mirror` sees, and fattens GGX's tails,
 which `hemisphere` sees.
 
 A set holds 1,024 pairs, because on glossy materials few pairs carry most of the energy, and 64 pairs leave 1 to 3 dB to
 chance. The pairs are stratified, and they come in blocks of 64, so that each block can have surface points of its own.
+Figures of a source take weighted pairs, half of which find its lobes (mipbake.reference.pair_sets).
 """
 
 from __future__ import annotations
@@ -42,6 +43,21 @@ class LightViewPairs:
         return LightViewPairs(self.light[some], self.view[some])
 
 
+@dataclass(frozen=True)
+class WeightedPairs(LightViewPairs):
+    """Light-view pairs that were not drawn by the law of their set, but stand for it.
+
+    Args:
+        weights: (K,) so that the mean of weight * g is about the mean of g over all pairs of the set.
+    """
+
+    weights: Array
+
+    def __getitem__(self, some: slice) -> WeightedPairs:
+        """Some of the pairs."""
+        return WeightedPairs(self.light[some], self.view[some], self.weights[some])
+
+
 def cosine_directions(rng: np.random.Generator, count: int) -> Array:
     """(count, 3) independent unit vectors on the upper hemisphere with density cos(theta) / pi (Malley's method)."""
     return _malley(rng.random(count), rng.random(count))
@@ -71,7 +87,7 @@ def _around_mirror(rng: np.random.Generator, view: Array, normal: Array) -> Arra
     return light
 
 
-def _cells(rng: np.random.Generator, count: int) -> Array:
+def grid_cells(rng: np.random.Generator, count: int) -> Array:
     """(count, 2) numbers in [0, 1)^2, one in each cell of a grid, in an order in which every block is stratified as
     well.
 
@@ -96,6 +112,12 @@ def _cells(rng: np.random.Generator, count: int) -> Array:
     return np.asarray(cells[:count] + rng.random((count, 2)) / [1 << across, 1 << down])
 
 
+def in_blocks(order: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Dealt to blocks of BLOCK in turn, so that each block is spread like the whole; block by block."""
+    blocks = max(1, len(order) // BLOCK)
+    return np.concatenate([order[first::blocks] for first in range(blocks)])
+
+
 def _latin(rng: np.random.Generator, count: int, axes: int) -> Array:
     """(count, axes) numbers in (0, 1), one in each of `count` slices of every axis (McKay et al. 1979)."""
     order = np.stack([rng.permutation(count) for _ in range(axes)], -1)
@@ -108,7 +130,7 @@ def _stratified_mirror(rng: np.random.Generator, view: Array) -> Array:
 
 
 def _stratified_hemisphere(rng: np.random.Generator, view: Array) -> Array:
-    return _malley(*rng.permutation(_cells(rng, len(view))).T)
+    return _malley(*rng.permutation(grid_cells(rng, len(view))).T)
 
 
 def _hemisphere(rng: np.random.Generator, view: Array) -> Array:
@@ -128,7 +150,7 @@ _STRATIFIED: Mapping[str, Callable[[np.random.Generator, Array], Array]] = {
 
 
 def pair_set(name: str, seed: int, count: int = PAIRS) -> LightViewPairs:
-    """The pair set of that name: `count` stratified pairs, fixed by the seed. UsageError for an unknown name.
+    """`count` stratified pairs by the law of a pair set, fixed by the seed. UsageError for an unknown name.
 
     Views are cosine-distributed, one in each cell of a grid; so is every block of BLOCK pairs. Lights of `hemisphere`
     are drawn in the same way and dealt to the views at random. For `near-mirror` each component of the Gaussian is
@@ -137,6 +159,6 @@ def pair_set(name: str, seed: int, count: int = PAIRS) -> LightViewPairs:
     if name not in PAIR_SETS:
         raise UsageError(f"unknown pair set {name!r}: expected one of {', '.join(PAIR_SETS)}")
     rng = np.random.default_rng([seed, list(PAIR_SETS).index(name)])
-    view = _malley(*_cells(rng, count).T)
+    view = _malley(*grid_cells(rng, count).T)
     light = _STRATIFIED[name](rng, view)
     return LightViewPairs(light.astype(np.float32), view.astype(np.float32))
