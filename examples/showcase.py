@@ -69,7 +69,7 @@ def embossed_steel(height: int, width: int) -> dict[str, Image]:
 
 
 def brushed_aluminium(height: int, width: int) -> dict[str, Image]:
-    """Marks of a brush that went along u, up to 2 texels fine: the maps are isotropic, and the marks are in the normals."""
+    """Marks of a brush that went along u. The maps are isotropic: the marks are in the normals."""
     marks = _noise(height, width, 81, lambda fu, fv: np.exp(-np.square(fu / 4.0)) * (np.abs(fv) > 24))
     dents = noise(height, width, 82, band(2, 8))
     color = np.array([0.91, 0.92, 0.92]) * (0.93 + 0.02 * marks)[..., None]
@@ -139,10 +139,13 @@ def ocean(height: int, width: int) -> dict[str, Image]:
 
 
 SHOWCASE: Mapping[str, Callable[[int, int], dict[str, Image]]] = {
-    make.__name__: make
-    for make in (
-        wet_asphalt, embossed_steel, brushed_aluminium, black_tiles, pebbled_leather, sparkling_snow, ocean,
-    )  # fmt: skip
+    "wet_asphalt": wet_asphalt,
+    "embossed_steel": embossed_steel,
+    "brushed_aluminium": brushed_aluminium,
+    "black_tiles": black_tiles,
+    "pebbled_leather": pebbled_leather,
+    "sparkling_snow": sparkling_snow,
+    "ocean": ocean,
 }
 
 

@@ -35,7 +35,9 @@ larger."""
 UNSEEN = 1 / (255 * math.sqrt(12))
 """Noise of displayed values that is as good as none: what rounding to bytes adds. Not tuned."""
 
-LEAST_PASSES = 16
+LEAST_PASSES = 96
+"""Samples for each pixel that a reference starts with. Not tuned."""
+
 _LEAST_STEP = 1.25  # times as many samples as before
 
 
@@ -159,7 +161,7 @@ def _reference(
     """The reference, and the error of the closest candidate."""
     sampling = FilmSampling(scene.film, source, looks.seed, Cache(looks.cache) if looks.cache else None)
     most = min(MOST_PASSES, looks.max_passes)
-    passes, before = max(LEAST_PASSES, sampling.passes), 0
+    passes, before = max(min(LEAST_PASSES, most), sampling.passes), 0
 
     def told(share: float) -> None:
         progress((before + share * (passes - before)) / max(most, passes))

@@ -140,13 +140,25 @@ def _ground_film(
         far=2 * _HORIZON * eye,
     )
     flat = shapes.plane(2 * _HORIZON * eye, 2 * _HORIZON * eye)
-    middle = flat.positions + np.array([0.0, 0.0, eye / math.tan(down)])  # from where the picture's middle meets the ground
+    middle = flat.positions + np.array(
+        [0.0, 0.0, eye / math.tan(down)]
+    )  # from where the picture's middle meets the ground
     texels = ground.texels * resolution[0] / RESOLUTION[0]
     uv = 0.5 + middle[:, [0, 2]] * texels / np.array([size[1], size[0]], np.float64)
     mesh = Mesh(ground.name, flat.positions, flat.normals, uv, flat.tangents, flat.triangles)
     right, ahead = ground.step
-    shot = Shot(mesh, camera, lighting, resolution)
+    shot = Shot(mesh, camera, _from_ahead(lighting), resolution)
     return FilmScene(ground.name, ground.title, _moving(shot, (right, 0.0, -ahead), motion, frames))
+
+
+def _from_ahead(lighting: Lighting) -> Lighting:
+    """The lights turned about the vertical, so that their mean comes from where the camera looks, -z.
+
+    There grounds mirror them: the sun behind the camera is no test of a floor.
+    """
+    x, _, z = lighting.radiance.sum(-1) @ lighting.direction
+    away = math.degrees(math.atan2(x, -z))
+    return replace(lighting, direction=lighting.direction @ _about_y(away).T)
 
 
 def _moving(shot: Shot, step: Vector, motion: Motion, frames: int) -> Film:
