@@ -17,13 +17,13 @@ import shutil
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 from results_sets import folder_sets
 
-from mipbake.aim import BAKED_SAMPLERS
+from mipbake.aim import ANISOTROPIC, FRAMES, TRILINEAR
 from mipbake.compare.candidates import Candidate, bake_all, chosen
 from mipbake.compare.film_figures import ShownReference, film_figures
 from mipbake.compare.filming import FilmSettings, Take, taken
@@ -50,7 +50,7 @@ METHODS = (
 """What is filmed once a pixel."""
 
 ACCUMULATED = ("auto", "neural", "linear (box)", "lean (gaussian)", "godot (gaussian)")
-"""What is filmed with temporal accumulation in addition."""
+"""What is filmed as the mean of jittered frames in addition."""
 
 SEED = 0
 DIGITS = 5
@@ -88,9 +88,10 @@ def measured(texture_set: TextureSet, lighting: str, work: Path, effort: FilmsEf
         scenes = standard_films(
             (height, width), lighting_named(lighting), last, frames=effort.frames, resolution=resolution
         )
-        for accumulate, names in ((False, METHODS), (True, ACCUMULATED)):
-            settings = FilmSettings(looks, accumulate=accumulate)
-            films += [_figures(taken(scene, source, [by_name[n] for n in names], settings)) for scene in scenes]
+        for frames, names in zip(FRAMES, (METHODS, ACCUMULATED), strict=True):
+            settings = FilmSettings(replace(looks, sampler=replace(sampler, frames=frames)))
+            takes = (taken(scene, source, [by_name[n] for n in names], settings) for scene in scenes)
+            films += [_figures(take, str(sampler), frames > 1) for take in takes]
     return {
         "lighting": lighting,
         "network": Neural().weights(MODEL, FILTER, texture_set.source_model).name,
@@ -104,7 +105,7 @@ def measured(texture_set: TextureSet, lighting: str, work: Path, effort: FilmsEf
 def _baked(texture_set: TextureSet) -> Iterator[tuple[Any, Mapping[str, Candidate]]]:
     """Sampler, and name of a method to the stack that the sampler looks up."""
     with _bakes(texture_set, [name for name in METHODS if not _takes_sampler(name)], None) as shared:
-        for sampler in BAKED_SAMPLERS:
+        for sampler in (TRILINEAR, ANISOTROPIC):
             with _bakes(texture_set, [name for name in METHODS if _takes_sampler(name)], sampler) as made:
                 yield sampler, {**shared, **made}
 
@@ -119,13 +120,17 @@ def _takes_sampler(name: str) -> bool:
     return chosen([name], FILTER)[name][0] in OPTIONS["sampler"]
 
 
-def _figures(take: Take) -> dict[str, Any]:
-    """A film as the record has it."""
+def _figures(take: Take, sampler: str, accumulated: bool) -> dict[str, Any]:
+    """A film as the record has it.
+
+    Args:
+        sampler: that its stacks were made for, and were looked up with in every frame.
+    """
     scene = take.scene
     return {
         "scene": scene.name,
-        "sampler": scene.sampler,
-        "accumulated": scene.accumulated,
+        "sampler": sampler,
+        "accumulated": accumulated,
         "passes": scene.passes,
         "noise": _rounded(scene.noise),
         "candidate_error": _rounded(scene.candidate_error),

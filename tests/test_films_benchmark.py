@@ -13,6 +13,8 @@ from typing import Any
 
 import pytest
 
+from mipbake.aim import Sampler
+
 from .test_results import bumpy
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -34,19 +36,19 @@ def films(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 def test_methods_are_baked_for_the_sampler_that_looks_them_up(
     films: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    baked: list[tuple[str, str | None]] = []
+    baked: list[tuple[str, str]] = []
     bake_all = films.bake_all
 
     @contextmanager
-    def counted(texture_set: Any, model: str, kernel: str, names: Any, sampler: str | None) -> Iterator[Any]:
-        baked.extend((name, sampler) for name in names)
+    def counted(texture_set: Any, model: str, kernel: str, names: Any, sampler: Sampler | None) -> Iterator[Any]:
+        baked.extend((name, str(sampler)) for name in names)
         with bake_all(texture_set, model, kernel, names, sampler=sampler) as found:
             yield found
 
     monkeypatch.setattr(films, "bake_all", counted)
     found = films.measured(bumpy(32), "lamps", tmp_path, films.FilmsEffort(32, 2, 32))
     assert baked == [
-        ("linear (box)", None), ("lean (gaussian)", None), ("neural", "trilinear"), ("neural", "anisotropic"),
+        ("linear (box)", "None"), ("lean (gaussian)", "None"), ("neural", "trilinear"), ("neural", "anisotropic"),
     ]  # fmt: skip
     assert len(list(tmp_path.iterdir())) == 3  # a reference a scene, for both samplers, with accumulation and without
     where = {(each["scene"], each["sampler"], each["accumulated"]) for each in found["films"]}

@@ -80,7 +80,7 @@ def frames_at(uv: NDArray[np.float64], axes: NDArray[np.floating], frames: int) 
         axes: of pixels in units of the texture, an array that broadcasts to (..., P, 2, 2).
     """
     if frames == 1:
-        return uv
+        return np.asarray(uv)
     at = uv[..., None, :] + jitter(frames) @ np.asarray(axes, np.float64)
     return np.asarray(at.reshape(*uv.shape[:-2], -1, 2))
 
@@ -105,7 +105,7 @@ def in_frames(gradient: Array, frames: int) -> Array:
 @cache
 def _shares(frames: int) -> Array:
     """(frames 3, 3) of the colours of every frame in the colours of a pixel."""
-    return np.tile(np.eye(3, dtype=np.float32), (frames, 1)) / np.float32(frames)
+    return np.asarray(np.tile(np.eye(3), (frames, 1)) / frames, np.float32)
 
 
 def look_up(
