@@ -114,7 +114,7 @@ def probe(problem: Problem, region: Region, lod: float, effort: ProbeEffort, rng
     height, width = problem.sizes[int(lod)]
     # The reference hardly varies over levels of few texels, and takes many samples there: few points, known well.
     # What chance is in are the pairs.
-    points = max(1, min(effort.points, math.isqrt(height * width)))
+    points = max(1, min(effort.points // problem.thinned, math.isqrt(height * width)))
     samples = effort.samples * max(1, effort.points // points)
     if lod < _FINE:
         samples *= 2

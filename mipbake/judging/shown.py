@@ -6,6 +6,7 @@ that care for some sizes of detail more than for others (mipbake.metrics.visible
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -84,10 +85,12 @@ def draw_shown(
 
     Args:
         lod: of the lookups, MIP bias included. Pixels that are smaller than texels look level 0 up as well, and where
-            the bias is negative some that are larger. count: how many pictures there are.
+            the bias is negative some that are larger. count: how many pictures there are; half as
+            many where frames are averaged.
         samples: of a pixel of level 0, in each of two estimates; twice as many at every second level.
     """
-    count = max(_FEWEST, count // KINDS_SHOWN * KINDS_SHOWN)
+    # What frames cost more is saved in part by fewer pictures.
+    count = max(_FEWEST, count // math.isqrt(problem.sampler.frames) // KINDS_SHOWN * KINDS_SHOWN)
     height, width = problem.sizes[0]
     centre = np.resize(region_points(problem, region, count, rng), (count, 2))
     sampler = problem.sampler

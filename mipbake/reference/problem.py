@@ -36,6 +36,15 @@ class Problem:
     sampler: Sampler = DEFAULT_SAMPLER
 
     @property
+    def thinned(self) -> int:
+        """By how many times fewer points are looked at where frames are averaged.
+
+        Each point is looked up and shaded in every frame. What is measured hangs on which lights and surfaces are drawn
+        far more than on how many points see them, so half of what frames cost is taken from the points. Not tuned.
+        """
+        return max(1, self.sampler.frames // 2)
+
+    @property
     def filtered(self) -> FilteredSource:
         """What the reference is estimated of."""
         return FilteredSource(self.stored, self.source, self.wrap, self.pixel_filter)

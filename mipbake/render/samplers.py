@@ -80,7 +80,7 @@ def frames_at(uv: NDArray[np.float64], axes: NDArray[np.floating], frames: int) 
         axes: of pixels in units of the texture, an array that broadcasts to (..., P, 2, 2).
     """
     if frames == 1:
-        return uv
+        return np.asarray(uv)
     at = uv[..., None, :] + jitter(frames) @ np.asarray(axes, np.float64)
     return np.asarray(at.reshape(*uv.shape[:-2], -1, 2))
 
@@ -89,13 +89,23 @@ def mean_of_frames(radiance: Array, frames: int) -> Array:
     """(..., P, 3) means over frames of (..., P frames, 3), the frames of a pixel side by side."""
     if frames == 1:
         return radiance
-    rows = radiance.reshape(*radiance.shape[:-2], -1, frames, radiance.shape[-1])
-    return np.asarray(rows.mean(-2, dtype=np.float32))
+    # As a product of matrices: far faster than NumPy's mean, whose inner loops run over three colours.
+    rows = radiance.reshape(-1, frames * 3) @ _shares(frames)
+    return np.asarray(rows.reshape(*radiance.shape[:-2], -1, 3))
 
 
 def in_frames(gradient: Array, frames: int) -> Array:
     """(..., P frames, 3) derivatives by every frame, from (..., P, 3) derivatives by `mean_of_frames`."""
-    return gradient if frames == 1 else np.repeat(gradient / np.float32(frames), frames, -2)
+    if frames == 1:
+        return gradient
+    rows = np.asarray(gradient, np.float32).reshape(-1, 3) @ _shares(frames).T
+    return np.asarray(rows.reshape(*gradient.shape[:-2], -1, 3))
+
+
+@cache
+def _shares(frames: int) -> Array:
+    """(frames 3, 3) of the colours of every frame in the colours of a pixel."""
+    return np.asarray(np.tile(np.eye(3), (frames, 1)) / frames, np.float32)
 
 
 def look_up(
