@@ -51,7 +51,7 @@ def unjudged(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_films_are_no_higher_than_renders_and_keep_their_shape() -> None:
-    assert [scene.film.resolution for scene in scenes(32).values()] == [(32, 48)] * 3
+    assert [scene.film.resolution for scene in scenes(32).values()] == [(32, 48)] * 4
     assert {scene.film.resolution for scene in scenes(256).values()} == {(160, 240)}
     assert list(scenes(mesh=shapes.material_ball(8))) == ["mesh"]
 
