@@ -142,7 +142,7 @@ def compare(
     ] = None,
     films: Annotated[
         bool,
-        typer.Option("--films/--no-films", help="Film a floor, a wall and a sphere, or the mesh, and judge the films."),
+        typer.Option("--films/--no-films", help="Film floors, a wall and a sphere, or the mesh, and judge the films."),
     ] = True,
     motion: Annotated[str, typer.Option(metavar=one_of(MOTIONS), help="What moves in films.")] = MOTIONS[0],
     keep_renders: Annotated[

@@ -135,7 +135,7 @@ class FilmedScene:
     """A film that methods were compared in.
 
     Args:
-        name: key, also of files, and the view of its figures: `film-floor`, `film-wall`, `film-sphere`, `film-mesh`.
+        name: key, also of files, and the view of its figures: `film-floor`, `film-low-floor`, ...
         title: what a reader is shown.
         motion: what moves, `camera` or `light`. sampler: how stacks were looked up.
         lod: median level of detail of the first frame's covered pixels.
