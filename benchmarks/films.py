@@ -1,12 +1,14 @@
-"""Films of texture sets, and what people see in them: every method, both samplers, with accumulation and without.
+"""Films of texture sets, and what people see in them: every method, under every sampler.
 
     python docs/remake.py --measure films --materials MATERIALS   measures, and makes the blocks of RESULTS-films.md
     python benchmarks/films.py MATERIALS FOLDER --plans SET SET   measures some sets
+    python examples/showcase.py SETS && python benchmarks/films.py SETS FOLDER --methods neural "linear (box)"
 
 MATERIALS is a folder of texture sets, FOLDER takes a file a set. A run that was stopped goes on from these files, and
 several runs with different sets may share one FOLDER: the folder of docs/remake.py is build/records/films. New
-code is not noticed: it wants a new FOLDER. Every set is filmed as floor, wall and sphere, under one of three lightings
-in turn. Methods that take a sampler make a stack for each sampler. The films of a set share their references.
+code is not noticed: it wants a new FOLDER. Every set is filmed as floor, low floor, wall and sphere, under one of three
+lightings in turn. Methods that take a sampler make a stack for each sampler. The films of a set share their references.
+The last of these commands films the generated sets that shimmer, and prints what people see.
 """
 
 from __future__ import annotations
@@ -15,19 +17,19 @@ import argparse
 import json
 import shutil
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from results_sets import folder_sets
+from results_sets import bumps, folder_sets
 
-from mipbake.aim import BAKED_SAMPLERS
+from mipbake.aim import sampler_named
 from mipbake.compare.candidates import Candidate, bake_all, chosen
 from mipbake.compare.film_figures import ShownReference, film_figures
-from mipbake.compare.filming import FilmSettings, Take, taken
-from mipbake.compare.films import standard_films
+from mipbake.compare.filming import MOST_PASSES, FilmSettings, Take, taken
+from mipbake.compare.films import FRAMES, RESOLUTION, standard_films
 from mipbake.compare.pictures import RenderSettings
 from mipbake.metrics import check_color_video_vdp, snr_db
 from mipbake.metrics.visible import visible_error
@@ -43,14 +45,20 @@ MODEL, FILTER = "gltf", "gaussian"
 LIGHTINGS = ("studio", "sky", "lamps")
 """In turn, a set after the other."""
 
+SAMPLERS = ("trilinear", "anisotropic", "accumulated", "accumulated, bias -1")
+"""What looks stacks up; with accumulation a MIP bias of -1 is what engines recommend."""
+
 METHODS = (
     "auto", "neural", "linear (box)", "linear (gaussian)", "lean (gaussian)", "vmf (gaussian)", "godot (gaussian)",
-    "unreal (gaussian)", "toksvig (gaussian)", "filament (gaussian)",
+    "unreal (gaussian)",
 )  # fmt: skip
-"""What is filmed once a pixel."""
+"""What is filmed."""
 
-ACCUMULATED = ("auto", "neural", "linear (box)", "lean (gaussian)", "godot (gaussian)")
-"""What is filmed with temporal accumulation in addition."""
+ACCUMULATED = ("auto", "neural", "linear (box)", "godot (gaussian)")
+"""What of it is filmed under samplers that accumulate, whose frames take eight times as long."""
+
+PIXELS_PER_DEGREE = (37,)
+"""At which films are judged."""
 
 SEED = 0
 DIGITS = 5
@@ -64,11 +72,17 @@ class FilmsEffort:
     Args:
         height: of films, pixels; they are half as wide again.
         frames: of a film. passes: samples of each pixel of a reference, at most.
+        methods: names in METHODS.
     """
 
-    height: int = 160
-    frames: int = 16
-    passes: int = 256
+    height: int = RESOLUTION[0]
+    frames: int = FRAMES
+    passes: int = MOST_PASSES
+    methods: tuple[str, ...] = METHODS
+
+    def filmed(self, sampler: str) -> list[str]:
+        """The methods that are filmed under a sampler."""
+        return [name for name in self.methods if name in ACCUMULATED or not sampler_named(sampler).frames > 1]
 
 
 def measured(texture_set: TextureSet, lighting: str, work: Path, effort: FilmsEffort) -> dict[str, Any]:
@@ -80,38 +94,40 @@ def measured(texture_set: TextureSet, lighting: str, work: Path, effort: FilmsEf
     started = time.process_time()
     source = FilteredSource(texture_set.material(MODEL), MODEL, texture_set.wrap, FILTER)
     height, width = source.stored.shape[:2]
-    resolution = effort.height, effort.height * 3 // 2
+    resolution = effort.height, effort.height * RESOLUTION[1] // RESOLUTION[0]
     films = []
-    for sampler, by_name in _baked(texture_set):
-        last = len(by_name[METHODS[0]].levels) - 1
-        looks = RenderSettings(SEED, effort.passes, sampler, work)
-        scenes = standard_films(
-            (height, width), lighting_named(lighting), last, frames=effort.frames, resolution=resolution
-        )
-        for accumulate, names in ((False, METHODS), (True, ACCUMULATED)):
-            settings = FilmSettings(looks, accumulate=accumulate)
-            films += [_figures(taken(scene, source, [by_name[n] for n in names], settings)) for scene in scenes]
+    for sampler, candidates in _baked(texture_set, effort):
+        last = len(candidates[0].levels) - 1
+        settings = FilmSettings(RenderSettings(SEED, effort.passes, sampler_named(sampler), work))
+        for scene in standard_films(
+            (height, width), lighting_named(lighting), last, "camera", effort.frames, resolution
+        ):
+            films.append(_figures(taken(scene, source, candidates, settings)))
     return {
         "lighting": lighting,
         "network": Neural().weights(MODEL, FILTER, texture_set.source_model).name,
         "size": [height, width],
-        "effort": asdict(effort),
+        "roughness": _rounded(float(texture_set.maps["roughness"].pixels.mean())),
+        "slope": _rounded(bumps(texture_set)["slope"]),
+        "effort": _plain(effort),
         "films": films,
         "processor_seconds": round(time.process_time() - started),
     }
 
 
-def _baked(texture_set: TextureSet) -> Iterator[tuple[Any, Mapping[str, Candidate]]]:
-    """Sampler, and name of a method to the stack that the sampler looks up."""
-    with _bakes(texture_set, [name for name in METHODS if not _takes_sampler(name)], None) as shared:
-        for sampler in BAKED_SAMPLERS:
-            with _bakes(texture_set, [name for name in METHODS if _takes_sampler(name)], sampler) as made:
-                yield sampler, {**shared, **made}
+def _baked(texture_set: TextureSet, effort: FilmsEffort) -> Iterator[tuple[str, list[Candidate]]]:
+    """Sampler, and the stacks that it looks up."""
+    with _bakes(texture_set, [name for name in effort.methods if not _takes_sampler(name)], None) as shared:
+        for sampler in SAMPLERS:
+            names = effort.filmed(sampler)
+            with _bakes(texture_set, [name for name in names if _takes_sampler(name)], sampler) as made:
+                yield sampler, [(shared | made)[name] for name in names]
 
 
 @contextmanager
-def _bakes(texture_set: TextureSet, names: Sequence[str], sampler: Any) -> Iterator[dict[str, Candidate]]:
-    with bake_all(texture_set, MODEL, FILTER, names, sampler=sampler) as found:
+def _bakes(texture_set: TextureSet, names: Sequence[str], sampler: str | None) -> Iterator[dict[str, Candidate]]:
+    aimed = sampler_named(sampler) if sampler else None
+    with bake_all(texture_set, MODEL, FILTER, names, sampler=aimed) as found:
         yield {each.name: each for each in found}
 
 
@@ -125,7 +141,6 @@ def _figures(take: Take) -> dict[str, Any]:
     return {
         "scene": scene.name,
         "sampler": scene.sampler,
-        "accumulated": scene.accumulated,
         "passes": scene.passes,
         "noise": _rounded(scene.noise),
         "candidate_error": _rounded(scene.candidate_error),
@@ -138,7 +153,7 @@ def _measures(frames: Frames, shown: ShownReference) -> dict[str, float]:
     """Every measure of films by its name, the SNR of what is displayed (dB) as `snr-displayed`, and `visible`."""
     inside, film = shown.interior, shown.shown(frames)
     found = {
-        **film_figures(frames, shown).by_measure,
+        **film_figures(frames, shown, PIXELS_PER_DEGREE).by_measure,
         "snr-displayed": snr_db(film[inside], shown.first[inside], shown.second[inside]),
         "visible": visible_error(film, shown.mean),
     }
@@ -156,10 +171,11 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--results", type=Path, help="file for the figures of all these sets together")
     parser.add_argument("--plans", nargs="+", help="names of the sets that are measured; all without it")
-    for each in fields(FilmsEffort):
-        parser.add_argument(f"--{each.name}", type=int, default=each.default)
+    parser.add_argument("--methods", nargs="+", choices=METHODS, default=METHODS, help="what is filmed; all without it")
+    for name in ("height", "frames", "passes"):
+        parser.add_argument(f"--{name}", type=int, default=getattr(FilmsEffort, name))
     options = parser.parse_args()
-    effort = FilmsEffort(**{each.name: getattr(options, each.name) for each in fields(FilmsEffort)})
+    effort = FilmsEffort(options.height, options.frames, options.passes, tuple(options.methods))
     check_color_video_vdp()
     sets = folder_sets(options.materials)
     unknown = [name for name in options.plans or [] if name not in sets]
@@ -179,15 +195,23 @@ def main() -> None:
             partial.write_text(json.dumps(data), encoding="utf-8")
             partial.replace(file)
         found[name] = json.loads(file.read_text(encoding="utf-8"))
-        print(f"{name}: {found[name]['processor_seconds']:.0f} s", flush=True)
+        print(f"{name}: {found[name]['processor_seconds']:.0f} s, {found[name]['lighting']}")
+        for film in found[name]["films"]:
+            judged = ", ".join(f"{method} {each['jod-37']:.2f}" for method, each in film["figures"].items())
+            print(f"  {film['scene']}, {film['sampler']}: JOD of {judged}", flush=True)
     if options.results:
-        options.results.write_text(json.dumps({"effort": asdict(effort), "sets": found}), encoding="utf-8")
+        options.results.write_text(json.dumps({"effort": _plain(effort), "sets": found}), encoding="utf-8")
+
+
+def _plain(effort: FilmsEffort) -> dict[str, Any]:
+    """As JSON has it."""
+    return asdict(effort) | {"methods": list(effort.methods)}
 
 
 def _holds(file: Path, effort: FilmsEffort) -> bool:
     """Whether the file has a set's figures, measured as thoroughly."""
     try:
-        return bool(json.loads(file.read_text(encoding="utf-8"))["effort"] == asdict(effort))
+        return bool(json.loads(file.read_text(encoding="utf-8"))["effort"] == _plain(effort))
     except (OSError, ValueError, KeyError):
         return False
 

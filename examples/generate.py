@@ -31,21 +31,23 @@ def texel_centres(height: int, width: int) -> tuple[Image, Image]:
     return u, v
 
 
-def noise(height: int, width: int, seed: int, envelope: Callable[[Image, Image], Image]) -> Image:
+def noise(
+    height: int, width: int, seed: int, envelope: Callable[[Image, Image], Image], finest: int = _FINEST
+) -> Image:
     """Periodic Gaussian noise, (H, W), mean 0 and variance 1 over its whole spectrum.
 
-    The spectrum is drawn once for frequencies up to _FINEST and evaluated at any size; frequencies that the size cannot
-    hold are left out. `envelope(fu, fv)` is the amplitude at a frequency in cycles per texture.
+    The spectrum is drawn once for frequencies up to `finest` and evaluated at any size; frequencies that the size
+    cannot hold are left out. `envelope(fu, fv)` is the amplitude at a frequency in cycles per texture.
     """
     rng = np.random.default_rng(seed)
-    fv, fu = np.meshgrid(np.arange(-_FINEST, _FINEST + 1), np.arange(_FINEST + 1), indexing="ij")
+    fv, fu = np.meshgrid(np.arange(-finest, finest + 1), np.arange(finest + 1), indexing="ij")
     draws = rng.normal(size=fu.shape) + 1j * rng.normal(size=fu.shape)
     draws[(fu == 0) & (fv <= 0)] = 0  # the mean, and the half axis that is the mirror image of the other half
     amplitude = envelope(fu.astype(float), fv.astype(float))
     amplitude = np.where((fu == 0) & (fv == 0), 0, amplitude) * draws
     amplitude /= np.sqrt(2 * np.square(np.abs(amplitude)).sum())
-    along_u = np.exp(2j * np.pi * np.outer(np.arange(_FINEST + 1), (np.arange(width) + 0.5) / width))
-    along_v = np.exp(2j * np.pi * np.outer((np.arange(height) + 0.5) / height, np.arange(-_FINEST, _FINEST + 1)))
+    along_u = np.exp(2j * np.pi * np.outer(np.arange(finest + 1), (np.arange(width) + 0.5) / width))
+    along_v = np.exp(2j * np.pi * np.outer((np.arange(height) + 0.5) / height, np.arange(-finest, finest + 1)))
     holds = (fu < max(width / 2, 0.5)) & (np.abs(fv) < max(height / 2, 0.5))
     return 2 * np.real(along_v @ (amplitude * holds) @ along_u)
 
@@ -56,6 +58,27 @@ def band(low: float, high: float) -> Callable[[Image, Image], Image]:
         -np.square(np.log(np.maximum(np.hypot(fu, fv), 1e-3) / np.sqrt(low * high)))
         / (2 * np.square(np.log(high / low) / 2))
     )
+
+
+def cells(height: int, width: int, count: int, rng: np.random.Generator) -> tuple[Image, Image, NDArray[np.int64]]:
+    """Of `count` x `count` scattered points, the distances to the nearest two in units of a cell, each (H, W), and
+    (H, W, 2) row and column of the nearest.
+
+    Where the distances are the same, two cells meet.
+    """
+    u, v = texel_centres(height, width)
+    jitter_u, jitter_v = rng.uniform(-0.42, 0.42, (2, count, count))
+    nearest, second = np.full((2, height, width), np.inf)
+    which = np.zeros((height, width, 2), np.int64)
+    for down, right in np.ndindex(5, 5):  # at most two cells away
+        row, column = (v * count).astype(int) + down - 2, (u * count).astype(int) + right - 2
+        centre_u = column + 0.5 * (row % 2) + jitter_u[row % count, column % count]
+        centre_v = row + 0.5 + jitter_v[row % count, column % count]
+        distance = np.hypot(u * count - centre_u, v * count - centre_v)
+        np.copyto(which, np.stack([row % count, column % count], -1), where=(distance < nearest)[..., None])
+        second = np.minimum(second, np.maximum(nearest, distance))
+        nearest = np.minimum(nearest, distance)
+    return nearest, second, which
 
 
 def normal_map(relief: Image) -> Image:
@@ -190,19 +213,7 @@ def glazed_tiles(height: int, width: int) -> dict[str, Image]:
 
 def lacquered_leather(height: int, width: int) -> dict[str, Image]:
     """Oxblood leather under clear lacquer: smooth scales, and creases between them that turn every way."""
-    u, v = texel_centres(height, width)
-    count = 22
-    rng = np.random.default_rng(41)
-    jitter_u, jitter_v = rng.uniform(-0.42, 0.42, (2, count, count))
-    # Distances to the nearest two centres, of those at most two cells away: where they are the same, two scales meet.
-    nearest, second = np.full((2, height, width), np.inf)
-    for down, right in np.ndindex(5, 5):
-        row, column = (v * count).astype(int) + down - 2, (u * count).astype(int) + right - 2
-        centre_u = column + 0.5 * (row % 2) + jitter_u[row % count, column % count]
-        centre_v = row + 0.5 + jitter_v[row % count, column % count]
-        distance = np.hypot(u * count - centre_u, v * count - centre_v)
-        second = np.minimum(second, np.maximum(nearest, distance))
-        nearest = np.minimum(nearest, distance)
+    nearest, second, _ = cells(height, width, 22, np.random.default_rng(41))
     crease = smoothstep(0.30, 0.0, second - nearest + 0.05 * noise(height, width, 42, band(10, 40)))
     pores, hide = noise(height, width, 43, band(30, 64)), noise(height, width, 44, band(2, 7))
     dye = np.array([0.06, 0.004, 0.0035]) * (1 + 0.06 * hide[..., None])
@@ -248,24 +259,32 @@ SETS: Mapping[str, Callable[[int, int], dict[str, Image]]] = {
 }
 
 
+def quantised(maps: Mapping[str, Image]) -> dict[str, NDArray[np.uint8]]:
+    """Maps in 8 bits, as stored."""
+    return {file: np.round(np.clip(image, 0, 1) * 255).astype(np.uint8) for file, image in maps.items()}
+
+
 def make(name: str, height: int = 256, width: int = 256) -> dict[str, NDArray[np.uint8]]:
     """Maps of a set by file name without suffix: (H, W) or (H, W, 3), 8 bits as stored."""
-    return {
-        file: np.round(np.clip(image, 0, 1) * 255).astype(np.uint8) for file, image in SETS[name](height, width).items()
-    }
+    return quantised(SETS[name](height, width))
 
 
 def write(name: str, folder: Path, height: int = 256, width: int = 256) -> list[Path]:
     """Makes a set and writes each map to folder/<map>.png; returns the files."""
+    return store(make(name, height, width), folder)
+
+
+def store(maps: Mapping[str, NDArray[np.uint8]], folder: Path) -> list[Path]:
+    """Writes each map to folder/<map>.png; returns the files."""
     import OpenImageIO
 
     folder.mkdir(parents=True, exist_ok=True)
     files = []
-    for file, pixels in make(name, height, width).items():
+    for file, pixels in maps.items():
         path = folder / f"{file}.png"
         image = pixels[..., None] if pixels.ndim == 2 else pixels
         out = OpenImageIO.ImageOutput.create(str(path))
-        spec = OpenImageIO.ImageSpec(width, height, image.shape[-1], "uint8")
+        spec = OpenImageIO.ImageSpec(image.shape[1], image.shape[0], image.shape[-1], "uint8")
         spec.attribute("png:compressionLevel", 9)
         if out is None or not (
             out.open(str(path), spec) and out.write_image(np.ascontiguousarray(image)) and out.close()

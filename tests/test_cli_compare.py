@@ -48,7 +48,8 @@ def test_a_report_with_its_renders(folder, tmp_path, capsys):
 @pytest.mark.long
 def test_films_are_made_unless_they_are_not_asked_for(folder, tmp_path, capsys):
     out = tmp_path / "report"
-    given = ["compare", str(folder), "-o", str(out), *FILMS, *FEW, "--motion", "light", "--accumulate"]
+    given = ["compare", str(folder), "-o", str(out), *FILMS, *FEW, "--motion", "light"]
+    given += ["--sampler", "accumulated, anisotropic 4x", "--lod-bias", "-1"]
     assert main([*given, "--fail-if", "film_wall.flip > 1", "--fail-if", "film_floor.sparkle - best > 1"]) == 0
     printed = capsys.readouterr().out
     assert printed.startswith("In films, as ") and "floor" in printed and "sphere" in printed and "films, " in printed
@@ -56,12 +57,14 @@ def test_films_are_made_unless_they_are_not_asked_for(folder, tmp_path, capsys):
     views = {"film-floor", "film-wall", "film-sphere"}
     assert [film["name"] for film in results["films"]] == ["film-floor", "film-wall", "film-sphere"]
     for film in results["films"]:
-        assert (film["motion"], film["accumulated"], film["frames"]) == ("light", True, 16)
+        assert (film["motion"], film["frames"]) == ("light", 16)
+        assert film["sampler"] == "accumulated, anisotropic 4x, bias -1"
         assert film["resolution"] == [32, 48] and film["passes"] <= 32
     measured = {(f["view"], f["method"], f["measure"]) for f in results["figures"] if f["view"].startswith("film-")}
     methods = [method["name"] for method in results["methods"]]
     assert measured == {(view, name, measure) for view in views for name in methods for measure in film_measures()}
-    assert results["settings"]["motion"] == "light" and results["settings"]["accumulate"] is True
+    assert results["settings"]["motion"] == "light"
+    assert results["settings"]["sampler"] == {"lookups": 4, "bias": -1.0, "frames": 8}
 
 
 @pytest.mark.long
@@ -158,8 +161,9 @@ def test_a_mesh_and_a_light_of_the_users(folder, tmp_path):
         (["--seed", "-1"], 2, "-1"),
         (["--mesh", "none.obj"], 3, "none.obj"),
         (["--motion", "hands"], 2, "no motion is called 'hands': expected camera or light"),
-        (["--accumulate"], 2, "has no films, and accumulation and motion are for films"),
-        (["--motion", "light"], 2, "has no films, and accumulation and motion are for films"),
+        (["--motion", "light"], 2, "has no films, and motion is for films"),
+        (["--sampler", "stochastic", "--lod-bias", "-1"], 2, "takes no MIP bias"),
+        (["--lod-bias", "5"], 2, "expected a number from -4 to 4"),
         (["--films", "--fail-if", "film_mesh.flip > 1"], 2, "film-floor, film-wall, film-sphere"),
         (["--baked", "none"], 3, "none"),
     ],

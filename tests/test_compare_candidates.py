@@ -9,6 +9,7 @@ import pytest
 
 import mipbake
 from mipbake import OutputError, TextureSet, UsageError
+from mipbake.aim import ANISOTROPIC, Sampler
 from mipbake.compare.candidates import (
     BAKED,
     bake_all,
@@ -24,7 +25,7 @@ from mipbake.compare.cautions import limits, made_for_others
 from mipbake.compare.result import Method
 from mipbake.compare.texture_space import MeasureEffort, measure
 from mipbake.prefilter import METHODS
-from mipbake.render.samplers import sampler_named
+from mipbake.render.samplers import render_sampler
 
 from .no_default_weights import hide_defaults
 
@@ -100,7 +101,7 @@ def test_levels_in_files_measure_like_levels_in_memory(tmp_path: Path) -> None:
 
 def test_stacks_are_made_for_a_sampler_by_methods_that_take_one() -> None:
     names = ["neural", "linear (box)"]
-    with bake_all(noisy(), "gltf", "gaussian", names, sampler="anisotropic") as candidates:
+    with bake_all(noisy(), "gltf", "gaussian", names, sampler=ANISOTROPIC) as candidates:
         assert [each.method.sampler for each in candidates] == ["anisotropic", None]
 
 
@@ -129,16 +130,17 @@ def test_a_device_is_told_to_methods_that_take_one() -> None:
 
 def test_stacks_for_another_sampler_are_named() -> None:
     methods = [
-        Method("baked", "auto", "gaussian", "gltf", sampler="anisotropic"),
-        Method("neural", "neural", "gaussian", "gltf", sampler="trilinear"),
+        Method("baked", "auto", "gaussian", "gltf", sampler=ANISOTROPIC),
+        Method("neural", "neural", "gaussian", "gltf", sampler=Sampler(bias=-1.0)),
         Method("linear (box)", "linear", "box", "gltf"),
     ]
     for sampler in ("trilinear", "stochastic"):
-        (said,) = made_for_others(methods, sampler_named(sampler))
-        assert said.startswith("baked was made for anisotropic lookups, and renders and films look stacks up with")
-        assert f"the sampler {sampler}: with --sampler anisotropic" in said
-    (said,) = made_for_others(methods, "anisotropic")
-    assert said.startswith("neural was made for trilinear lookups")
+        first, second = made_for_others(methods, render_sampler(sampler))
+        assert first.startswith("baked was made for the sampler anisotropic, and stacks were looked up with")
+        assert f"the sampler {sampler}: with --sampler anisotropic the" in first
+        assert "neural was made" in second and "--sampler 'trilinear, bias -1' the" in second
+    (said,) = made_for_others(methods, ANISOTROPIC)
+    assert said.startswith("neural was made for the sampler trilinear, bias -1,")
 
 
 def test_temporary_files_are_removed_when_a_comparison_fails(tmp_path: Path) -> None:

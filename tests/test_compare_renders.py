@@ -28,7 +28,7 @@ from mipbake.reference.source import FilteredSource
 from mipbake.render import shapes
 from mipbake.render.environment import directional
 from mipbake.render.mesh import Mesh
-from mipbake.render.samplers import sampler_named
+from mipbake.render.samplers import render_sampler
 
 from .mesh_renders import candidate, reference
 
@@ -214,7 +214,7 @@ def test_the_stochastic_sampler_draws_a_shifted_picture_anew(monkeypatch: pytest
     stored = bumpy(32)
     candidates, view = baked(stored, ("linear", "box")), views((32, 32))["sphere-1-1"]
     for sampler, changes in (("trilinear", False), ("stochastic", True)):
-        settings = RenderSettings(0, 32, sampler_named(sampler))
+        settings = RenderSettings(0, 32, render_sampler(sampler))
         change = render_view(view, filtered(stored, "box"), candidates, settings).change
         assert change is not None and (change.images["linear (box)"] != 0).any() == changes
 

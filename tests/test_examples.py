@@ -1,5 +1,6 @@
 """The example sets are what their generator makes, and they are what they claim to be."""
 
+import importlib
 import importlib.util
 from pathlib import Path
 
@@ -100,3 +101,41 @@ def test_every_method_fails_on_the_knurled_plate():
     for lod in lods:
         assert max(measured.snr(m, p, lod) for m in measured.methods for p in PAIR_SETS) < 13
         assert max(measured.snr(m, "hemisphere", lod) for m in measured.methods) < 9
+
+
+@pytest.fixture
+def showcase(monkeypatch):
+    monkeypatch.syspath_prepend(EXAMPLES)
+    return importlib.import_module("showcase")
+
+
+# Root mean square of slopes, and share of texels whose roughness is below 0.25: at least so much at 192 x 192, a size
+# that leaves the finest marks and stones out.
+SHOWN = {
+    "wet_asphalt": (0.1, 0.99), "embossed_steel": (0.2, 0.9), "brushed_aluminium": (0.01, 0.9),
+    "black_tiles": (0.09, 0.5), "pebbled_leather": (0.18, 0.3), "sparkling_snow": (0.15, 0.02), "ocean": (0.12, 0.9),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SHOWN)
+def test_sets_of_the_showcase_tile_and_are_glossy_and_bumpy(showcase, name):
+    assert set(showcase.SHOWCASE) == set(SHOWN)
+    maps = showcase.SHOWCASE[name](192, 192)
+    assert sorted(maps) == ["base_color", "metallic", "normal", "roughness"]
+    for file, image in maps.items():
+        assert image.shape[:2] == (192, 192) and image.min() >= 0 and image.max() <= 1
+        for axis in (0, 1):
+            steps = np.abs(image - np.roll(image, 1, axis)).reshape(192, 192, -1).mean(axis=(1 - axis, 2))
+            assert steps[0] <= 1.5 * max(steps[1:].max(), 1e-3), (file, axis)
+    normal = 2 * maps["normal"] - 1
+    slope, glossy = SHOWN[name]
+    assert np.sqrt(np.square(normal[..., :2] / normal[..., 2:]).sum(-1).mean()) > slope
+    assert (maps["roughness"] < 0.25).mean() > glossy and maps["roughness"].min() >= 0.045
+    assert set(np.unique(maps["metallic"])) == {1.0 if name in ("embossed_steel", "brushed_aluminium") else 0.0}
+
+
+def test_the_showcase_is_written_by_one_command(showcase, monkeypatch, tmp_path):
+    monkeypatch.setattr("sys.argv", ["showcase.py", str(tmp_path), "--size", "32", "--only", "ocean"])
+    showcase.main()
+    texture_set = mipbake.load(tmp_path / "ocean")
+    assert (texture_set.width, texture_set.height) == (32, 32) and not texture_set.anisotropic

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mipbake.aim import Sampler
 from mipbake.compare import cautions, filming
 from mipbake.compare.filming import RESOLVED_SHARE, UNSEEN, FilmSettings, film, films_of
 from mipbake.compare.films import FilmScene
@@ -17,7 +18,6 @@ from mipbake.compare.pictures import RenderSettings
 from mipbake.compare.result import Figure, Filmed
 from mipbake.metrics import MEASURES, displayed
 from mipbake.render import shapes
-from mipbake.render.accumulation import film_accumulated
 from mipbake.render.film import film_candidate
 
 from .test_compare_renders import LIGHTS, baked, bumpy, constant, filtered
@@ -51,7 +51,7 @@ def unjudged(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_films_are_no_higher_than_renders_and_keep_their_shape() -> None:
-    assert [scene.film.resolution for scene in scenes(32).values()] == [(32, 48)] * 3
+    assert [scene.film.resolution for scene in scenes(32).values()] == [(32, 48)] * 4
     assert {scene.film.resolution for scene in scenes(256).values()} == {(160, 240)}
     assert list(scenes(mesh=shapes.material_ball(8))) == ["mesh"]
 
@@ -111,23 +111,22 @@ def test_accumulation_and_samplers_change_what_candidates_show_and_not_the_refer
     looks = RenderSettings(0, 16)
     plain, _ = film(scene, filtered(stored, "gaussian"), candidates, FilmSettings(looks))
     for other in (
-        FilmSettings(looks, accumulate=True),
+        FilmSettings(dataclasses.replace(looks, sampler=Sampler(bias=-1.0, frames=8))),
         FilmSettings(dataclasses.replace(looks, sampler="stochastic")),
     ):
         changed, _ = film(scene, filtered(stored, "gaussian"), candidates, other)
         assert np.array_equal(changed.reference, plain.reference)
         assert not np.array_equal(changed.images["linear (box)"], plain.images["linear (box)"])
-        assert (changed.scene.accumulated, changed.scene.sampler) == (other.accumulate, other.renders.sampler)
+        assert changed.scene.sampler == str(other.renders.sampler)
 
 
 def test_the_seed_draws_what_the_stochastic_sampler_shows() -> None:
     stored = bumpy(32)
     scene, candidates, source = scenes()["wall"], baked(stored, ("linear", "box")), filtered(stored, "gaussian")
-    for seed, accumulate in ((3, False), (4, True)):
+    for seed in (3, 4):
         looks = RenderSettings(seed, 16, "stochastic")
-        filmed, _ = film(scene, source, candidates, FilmSettings(looks, accumulate=accumulate))
-        make = film_accumulated if accumulate else film_candidate
-        made = make(scene.film, candidates[0].levels, "gltf", source.wrap, "stochastic", seed)
+        filmed, _ = film(scene, source, candidates, FilmSettings(looks))
+        made = film_candidate(scene.film, candidates[0].levels, "gltf", source.wrap, "stochastic", seed)
         off = 255 * displayed(made * np.float64(filmed.scene.exposure)) - filmed.images["linear (box)"]
         assert np.abs(off).max() < 0.51
 

@@ -4,25 +4,23 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from scipy.ndimage import binary_erosion
 
-from mipbake.compare.films import FLOOR_LAST, FilmScene, Motion, mesh_films, standard_films
+from mipbake.aim import Sampler
+from mipbake.compare.films import FilmScene, Motion, mesh_films, standard_films
 from mipbake.errors import UsageError
 from mipbake.pixel_filter import level_sizes
 from mipbake.reference.source import FilteredSource
-from mipbake.render import accumulation, shapes
-from mipbake.render.accumulation import JITTERS, film_accumulated, jitter
-from mipbake.render.camera import Camera
+from mipbake.render import shapes
 from mipbake.render.environment import directional
 from mipbake.render.film import Film, FilmReference, FilmSampling, film_candidate, film_reference
-from mipbake.render.mesh import Mesh, joined
-from mipbake.render.mesh_render import Cache, Shot, candidate
+from mipbake.render.mesh_render import Cache, candidate
+from mipbake.render.samplers import jitter
 
 WRAP = ("wrap", "wrap")
 LIGHTS = directional("two", [[0.3, 0.8, 0.6], [-0.5, 0.6, 0.4]], [[2.0, 1.8, 1.5], [0.3, 0.5, 0.9]])
@@ -59,38 +57,54 @@ def still(frames: int = 60, resolution: tuple[int, int] = (24, 32)) -> Film:
 # ---- what is filmed
 
 
-def test_the_floor_runs_from_level_0_to_level_4_and_the_wall_lies_around_a_quarter() -> None:
+GROUNDS = {  # height of the eye, degrees down, field, texels to the unit, step: by hand
+    "floor": (1.0, 28, 50, 700, (0.0009, 0.0019)),
+    "low-floor": (0.5, 14, 50, 700, (0.0006, 0.0021)),
+    "wall": (1.0, 78, 40, 371, (0.0017, 0.0006)),
+}
+
+
+@pytest.mark.parametrize("size", [(64, 64), (16, 32)])
+@pytest.mark.parametrize("name", GROUNDS)
+def test_grounds_are_seen_as_a_pinhole_camera_sees_them_with_texels_as_large_for_any_size(
+    name: str, size: tuple[int, int]
+) -> None:
+    eye, down, field, texels, (right, ahead) = GROUNDS[name]
+    (scene,) = (each for each in standard_films(size, LIGHTS, 4, resolution=(80, 120)) if each.name == name)
+    assert len(scene.film.shots) == 12
+    focal = 60 / math.tan(math.radians(field / 2))
+    row, column = np.indices((80, 120)) + 0.5
+    x, y = (column - 60) / focal, (40 - row) / focal
+    falls = math.sin(math.radians(down)) - y * math.cos(math.radians(down))  # of rays, for a unit along the view
+    seen = falls > 0.01
+    to = eye / np.where(seen, falls, 1)
+    forth = to * (math.cos(math.radians(down)) + y * math.sin(math.radians(down))) - eye / math.tan(math.radians(down))
+    for index in (0, 11):
+        frame = frame_of(scene, index)
+        assert frame.coverage[seen].all() and not frame.coverage[falls < 0].any()
+        at = np.stack([to * x + index * right, -forth - index * ahead], -1) * texels / 2  # half as high, half as many
+        np.testing.assert_allclose((frame.uv[seen] - 0.5) * size[::-1], at[seen], rtol=1e-4, atol=0.01)
+
+
+def test_the_wall_has_about_one_texel_a_pixel_and_the_sphere_two() -> None:
     made = films(resolution=(64, 96))
-    for scene in made.values():
-        assert len(scene.film.shots) == 3
-    lods = {name: frame_of(scene).lod[:, 48] for name, scene in made.items()}
-    assert lods["floor"][-1] < 0.15 and abs(lods["floor"][0] - FLOOR_LAST) < 0.15
-    assert (np.diff(lods["floor"]) < 1e-3).all()
-    wall = frame_of(made["wall"]).lod
-    assert abs(np.median(wall) - 0.25) < 0.05 and 0 <= wall.min() < wall.max() < 0.6
+    assert frame_of(made["wall"]).lod[32, 48] == pytest.approx(math.log2(1.15), abs=0.05)
     ball = frame_of(made["sphere"])
     assert abs(np.median(ball.lod[ball.coverage]) - 1) < 0.1
 
 
+@pytest.mark.parametrize("name", GROUNDS)
+def test_the_light_of_a_ground_comes_from_ahead(name: str) -> None:
+    behind = directional("behind", [[0.3, 0.8, 0.6], [0.1, 0.6, 0.4]], [[2.0, 1.8, 1.5], [0.3, 0.5, 0.9]])
+    lit = next(each for each in standard_films(SIZE, behind, 4) if each.name == name).film.lightings[0]
+    x, _, z = lit.radiance.sum(-1) @ lit.direction
+    assert x == pytest.approx(0, abs=1e-9) and z < 0
+    np.testing.assert_allclose(lit.direction @ lit.direction.T, behind.direction @ behind.direction.T)
+    np.testing.assert_array_equal(lit.direction[:, 1], behind.direction[:, 1])
+
+
 def frame_of(scene: FilmScene, index: int = 0) -> Any:
     return candidate(scene.film.shots[index], stack(), "gltf", WRAP)
-
-
-def test_a_texture_of_few_levels_has_a_floor_of_as_many() -> None:
-    floor = standard_films((4, 4), LIGHTS, 2, frames=2, resolution=(64, 96))[0]
-    assert floor.title == "Floor, lod 0 to 2"
-    levels = [np.zeros((*size, 8), np.float32) for size in level_sizes(4, 4)]
-    lod = candidate(floor.film.shots[0], levels, "gltf", WRAP).lod
-    assert abs(lod[0].max() - 2) < 0.15
-
-
-@pytest.mark.parametrize(("name", "off"), [("floor", 1e-3), ("wall", 0.08)])  # the wall is turned from the camera
-def test_floor_and_wall_go_by_a_part_of_a_texel_a_frame(name: str, off: float) -> None:
-    scene = films()[name]
-    first, second = (frame_of(scene, index).uv for index in (0, 1))
-    moved = (second - first) * SIZE
-    # What a fixed pixel sees moves by what the camera does: 0.61 texels along u, 0.37 along v.
-    np.testing.assert_allclose(np.abs(moved), np.broadcast_to([0.61, 0.37], moved.shape), rtol=0, atol=off)
 
 
 def test_the_sphere_turns_in_place_under_lights_that_stay() -> None:
@@ -109,12 +123,12 @@ def test_the_sphere_turns_in_place_under_lights_that_stay() -> None:
     np.testing.assert_allclose(pictures[0][both], pictures[8][both], rtol=0.02, atol=2e-3)
 
 
-@pytest.mark.parametrize("name", ["floor", "wall", "sphere"])
+@pytest.mark.parametrize("name", ["floor", "sphere"])
 def test_lights_turn_about_the_vertical_while_the_camera_stays(name: str) -> None:
     film = films("light")[name].film
     assert len(set(film.cameras)) == 1
+    x, y, z = film.lightings[0].direction.T
     for index, lighting in enumerate(film.lightings):
-        x, y, z = LIGHTS.direction.T
         turned = np.arctan2(*lighting.direction.T[[0, 2]]) - np.arctan2(x, z)
         np.testing.assert_allclose(turned, math.radians(0.25 * index), atol=1e-9)
         np.testing.assert_allclose(lighting.direction[:, 1], y)
@@ -145,6 +159,10 @@ def test_the_reference_is_the_mean_of_two_halves_and_its_noise_falls() -> None:
     assert short.interior.all()
     exact = film_reference(film, source(), 512, seed=1).frames
     assert 0.3 < error(long.frames, exact) / noise(long) < 3
+
+
+def error(image: Any, expected: Any) -> float:
+    return float(np.sqrt(np.mean((image - expected) ** 2)))
 
 
 def noise(reference: FilmReference) -> float:
@@ -197,120 +215,25 @@ def test_the_stochastic_sampler_draws_every_frame_anew_and_repeats_with_its_seed
     assert not np.array_equal(film_candidate(film, stack(), "gltf", WRAP, "stochastic", seed=1), again)
 
 
-# ---- temporal accumulation
+# ---- frames that are accumulated
 
 
-def test_the_jitter_stays_within_half_a_pixel_and_is_even() -> None:
-    offsets = jitter(JITTERS)
-    assert offsets.shape == (JITTERS, 2) and (np.abs(offsets) < 0.5).all()
-    assert len({tuple(offset) for offset in offsets}) == JITTERS
-    for axis, base in ((0, 2), (1, 3)):
-        # A Halton sequence puts a point into every interval of a width of 1 / base.
-        assert set(np.floor((offsets[:, axis] + 0.5) * base)) == set(range(base))
-    np.testing.assert_allclose(offsets[:3, 0], [0.0, -0.25, 0.25])
-
-
-def test_a_still_film_tends_to_the_mean_of_its_jittered_frames(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where the history is not held to the new frame, which is what keeps it from the mean."""
+def test_a_film_of_an_engine_that_accumulates_is_the_mean_of_jittered_frames() -> None:
     film, levels = still(), stack()
-    last = film_accumulated(film, levels, "gltf", WRAP)[-1]
-    offsets = [(float(x), float(y)) for x, y in jitter(JITTERS)]
-    mean = np.mean([candidate(film.shots[0], levels, "gltf", WRAP, offset=each).image for each in offsets], 0)
-    once = candidate(film.shots[0], levels, "gltf", WRAP).image
-    monkeypatch.setattr(accumulation, "held", lambda history, _new: history)
-    free = film_accumulated(film, levels, "gltf", WRAP)[-1]
-    # Exponential weights of a tenth leave sqrt(0.1 / 1.9) = 0.23 of what independent frames are off by.
-    assert error(free, mean) < 0.23 * error(once, mean)
-    assert error(last, mean) < 0.5 * error(once, mean)
-
-
-def error(image: Any, expected: Any) -> float:
-    return float(np.sqrt(np.mean((image - expected) ** 2)))
-
-
-def test_the_first_frame_has_stood_still_before() -> None:
-    film, levels = still(), stack()
-    shown = film_accumulated(film, levels, "gltf", WRAP)
-    assert error(shown[0], shown[-1]) < 0.3 * error(candidate(film.shots[0], levels, "gltf", WRAP).image, shown[-1])
-
-
-def test_the_history_lands_where_the_surface_was() -> None:
-    """A smooth picture that is carried along the motion of a wall is the picture that the moved wall shows."""
-    film = films(frames=2, resolution=(48, 72))["wall"].film
-    before, after = film.shots
-
-    def painted(shot: Shot) -> Any:
-        u, v = np.moveaxis(candidate(shot, stack(), "gltf", WRAP).uv.astype(np.float64) * SIZE, -1, 0)
-        return 0.5 + 0.2 * np.stack([np.sin(0.3 * u), np.cos(0.2 * v), np.sin(0.2 * (u + v))], -1)
-
-    new = np.full((48, 72, 3), 9.0)
-    moved = accumulation.moved(painted(before), after, film.cameras[0], new)
-    inside = np.s_[4:-4, 4:-4]  # at the border a history has no neighbours to interpolate between
-    assert np.abs(moved - painted(after))[inside].max() < 2e-3
-    assert np.abs(painted(before) - painted(after)).max() > 0.02
+    for sampler in (Sampler(), Sampler(16, -1.0)):
+        shown = film_candidate(film, levels, "gltf", WRAP, replace(sampler, frames=8))[-1]
+        frames = [
+            candidate(film.shots[0], levels, "gltf", WRAP, sampler, (float(x), float(y))).image for x, y in jitter(8)
+        ]
+        np.testing.assert_allclose(shown, np.mean(frames, 0), rtol=1e-5, atol=1e-6)
+        assert np.abs(shown - film_candidate(film, levels, "gltf", WRAP, sampler)[-1]).max() > 0.01
 
 
 def test_accumulation_takes_shimmer_away_and_keeps_what_is_constant() -> None:
     film, levels = films(frames=8)["wall"].film, stack()
-    plain, accumulated = film_candidate(film, levels, "gltf", WRAP), film_accumulated(film, levels, "gltf", WRAP)
+    plain, accumulated = (film_candidate(film, levels, "gltf", WRAP, Sampler(frames=count)) for count in (1, 8))
     change = [float(np.mean(np.diff(frames, axis=0) ** 2)) for frames in (plain, accumulated)]
     assert change[1] < 0.7 * change[0]
     flat = [np.broadcast_to(np.float32([0.5, 0.4, 0.3, 0, 0.9, 0, 0, 1]), level.shape).copy() for level in levels]
-    np.testing.assert_allclose(
-        film_accumulated(film, flat, "gltf", WRAP), film_candidate(film, flat, "gltf", WRAP), rtol=2e-3
-    )
-
-
-def test_a_surface_that_came_from_outside_of_the_picture_shows_the_new_frame() -> None:
-    film = still(2)
-    aside = dataclasses.replace(film.cameras[0], position=(9.0, 0.0, 9.0), looks_at=(18.0, 0.0, 9.0))
-    assert isinstance(aside, Camera)
-    new = np.random.default_rng(0).random((24, 32, 3))
-    assert np.array_equal(accumulation.moved(np.zeros_like(new), film.shots[1], aside, new), new)
-
-
-def upright(side: float, x: float, z: float) -> Mesh:
-    """A square that faces +z."""
-    ground = shapes.plane(side, side)
-    return dataclasses.replace(ground, positions=ground.positions[:, [0, 2, 1]] * [1, -1, 1] + [x, 0, z])
-
-
-def test_a_surface_that_lay_behind_another_one_shows_the_new_frame() -> None:
-    """A card hangs before a wall: a camera that goes to the left sees more of the wall on the left of the card."""
-    mesh, size = joined("card and wall", [upright(9, 0, 0), upright(0.8, 0, 2)]), (96, 128)
-    here, there = (Camera((x, 0.0, 5.0), looks_at=(x, 0.0, 0.0), field_of_view=40, far=9) for x in (0.0, -0.5))
-    shown = accumulation.moved(np.zeros((*size, 3)), Shot(mesh, there, LIGHTS, size), here, np.ones((*size, 3)))[..., 0]
-
-    row, column = np.indices(size) + 0.5
-    y, x = (np.tan(np.radians(20)) * each for each in (1 - row / 48, (column - 64) / 48))
-    card = np.maximum(abs(3 * x - 0.5), abs(3 * y)) < 0.4
-    wall_x, wall_y = 5 * x - 0.5, 5 * y
-    hidden = ~card & (np.maximum(abs(wall_x * 3 / 5), abs(wall_y * 3 / 5)) < 0.4)
-    certain = binary_erosion(hidden, iterations=2)
-    assert certain.sum() > 100
-    assert (shown[certain] == 1).all()
-    seen = binary_erosion(~hidden, iterations=2) & (wall_x > -1.7)  # farther to the left lies what was outside
-    assert (shown[seen] == 0).all()
-
-
-def test_a_history_is_held_to_the_colours_around_each_pixel_of_the_new_frame() -> None:
-    rng = np.random.default_rng(0)
-    history, new = 3 * rng.random((2, 6, 7, 3)) - 1
-    expected = np.empty_like(history)
-    for row, column, channel in np.ndindex(history.shape):
-        around = new[max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2, channel]
-        expected[row, column, channel] = min(max(history[row, column, channel], around.min()), around.max())
-    assert np.array_equal(accumulation.held(history, new), expected)
-
-
-def test_a_new_frame_is_a_tenth_of_what_is_shown_in_tonemapped_radiance(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A grey that stood still, then a chequered frame, black and bright."""
-    chequered = np.float32(9) * (np.indices((24, 32)).sum(0) % 2)[..., None] * np.ones(3, np.float32)
-    grey = np.ones_like(chequered)
-    rendered = iter([grey] * (JITTERS + 1) + [chequered])
-    monkeypatch.setattr(accumulation, "candidate", lambda *_: SimpleNamespace(image=next(rendered)))
-    shown = film_accumulated(still(2), stack(), "gltf", WRAP)
-    np.testing.assert_allclose(shown[0], 1, rtol=1e-6)
-    mixed = 0.9 * 0.5 + 0.1 * np.array([0.0, 0.9])  # 1 is 0.5 tonemapped, and 9 is 0.9
-    expected = np.where(chequered > 0, *(mixed / (1 - mixed))[::-1])
-    np.testing.assert_allclose(shown[1], expected, rtol=1e-5)
+    shown = [film_candidate(film, flat, "gltf", WRAP, Sampler(frames=count)) for count in (1, 8)]
+    np.testing.assert_allclose(*shown, rtol=2e-3)

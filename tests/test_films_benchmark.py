@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
+import itertools
 import json
 import sys
 from collections.abc import Iterator
@@ -12,6 +14,8 @@ from types import ModuleType
 from typing import Any
 
 import pytest
+
+from mipbake.aim import Sampler
 
 from .test_results import bumpy
 
@@ -24,7 +28,6 @@ def films(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     """The script, with few methods and without ColorVideoVDP, which takes its time."""
     monkeypatch.syspath_prepend(ROOT / "benchmarks")
     script = importlib.import_module("films")
-    monkeypatch.setattr(script, "METHODS", METHODS)
     monkeypatch.setattr(script, "ACCUMULATED", METHODS[:2])
     monkeypatch.setattr(script, "check_color_video_vdp", lambda: None)
     monkeypatch.setattr("mipbake.compare.film_figures.missing_judge", lambda: "not installed")
@@ -34,31 +37,34 @@ def films(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 def test_methods_are_baked_for_the_sampler_that_looks_them_up(
     films: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    baked: list[tuple[str, str | None]] = []
+    baked: list[tuple[str, str]] = []
     bake_all = films.bake_all
 
     @contextmanager
-    def counted(texture_set: Any, model: str, kernel: str, names: Any, sampler: str | None) -> Iterator[Any]:
-        baked.extend((name, sampler) for name in names)
+    def counted(texture_set: Any, model: str, kernel: str, names: Any, sampler: Sampler | None) -> Iterator[Any]:
+        baked.extend((name, str(sampler)) for name in names)
         with bake_all(texture_set, model, kernel, names, sampler=sampler) as found:
             yield found
 
     monkeypatch.setattr(films, "bake_all", counted)
-    found = films.measured(bumpy(32), "lamps", tmp_path, films.FilmsEffort(32, 2, 32))
+    found = films.measured(bumpy(32), "lamps", tmp_path, films.FilmsEffort(32, 2, 16, METHODS))
+    samplers = ("trilinear", "anisotropic", "accumulated", "accumulated, bias -1")
     assert baked == [
-        ("linear (box)", None), ("lean (gaussian)", None), ("neural", "trilinear"), ("neural", "anisotropic"),
+        ("linear (box)", "None"), ("lean (gaussian)", "None"), *(("neural", sampler) for sampler in samplers),
     ]  # fmt: skip
-    assert len(list(tmp_path.iterdir())) == 3  # a reference a scene, for both samplers, with accumulation and without
-    where = {(each["scene"], each["sampler"], each["accumulated"]) for each in found["films"]}
-    assert len(where) == len(found["films"]) == 12
+    assert len(list(tmp_path.iterdir())) == 4  # a reference a scene, for all samplers
+    scenes = ("film-floor", "film-low-floor", "film-wall", "film-sphere")
+    where = [(each["sampler"], each["scene"]) for each in found["films"]]
+    assert where == list(itertools.product(samplers, scenes))
     for each in found["films"]:
-        assert tuple(each["figures"]) == (METHODS[:2] if each["accumulated"] else METHODS)
+        assert tuple(each["figures"]) == (METHODS[:2] if each["sampler"] in samplers[2:] else METHODS)
         for figures in each["figures"].values():
             assert {"snr", "flip", "sparkle", "flicker", "snr-displayed", "visible"} <= set(figures)
             assert (
                 figures["visible"] > 0 and figures["snr-displayed"] > figures["snr"]
             )  # a display hides what is bright
     assert found["lighting"] == "lamps" and found["network"].startswith("mipbake")
+    assert 0 < found["roughness"] < 1 and found["slope"] > 0
 
 
 def test_sets_are_measured_in_pieces(
@@ -69,8 +75,9 @@ def test_sets_are_measured_in_pieces(
     def measured(texture_set: str, lighting: str, work: Path, effort: Any) -> dict[str, Any]:
         asked.append((texture_set, lighting))
         assert work.name == texture_set
-        return {"effort": {"height": effort.height, "frames": effort.frames, "passes": effort.passes},
-                "processor_seconds": 1}  # fmt: skip
+        film = {"scene": "film-floor", "sampler": "trilinear", "figures": {"neural": {"jod-37": 9.0}}}
+        kept = dataclasses.asdict(effort) | {"methods": list(effort.methods)}
+        return {"effort": kept, "lighting": lighting, "films": [film], "processor_seconds": 1}
 
     monkeypatch.setattr(films, "folder_sets", lambda _: {name: lambda name=name: name for name in "dabc"})
     monkeypatch.setattr(films, "measured", measured)
@@ -85,7 +92,8 @@ def test_sets_are_measured_in_pieces(
     assert run("--plans", "d", "b") == [("b", "sky"), ("d", "studio")]  # lightings go by all sets
     assert run("--results", str(results)) == [("a", "studio"), ("c", "lamps")]
     assert list(json.loads(results.read_text())["sets"]) == ["a", "b", "c", "d"]
-    assert run() == []
+    assert run() == [] and "  film-floor, trilinear: JOD of neural 9.00\n" in capsys.readouterr().out
+    assert run("--plans", "b", "--methods", "neural") == [("b", "sky")]
     assert run("--plans", "a", "--frames", "4") == [("a", "studio")]  # other settings are other figures
     with pytest.raises(SystemExit):
         run("--plans", "e")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mipbake.aim import ANISOTROPIC
 from mipbake.errors import UsageError
 from mipbake.judging.probes import ProbeEffort
 from mipbake.material import MODELS, convert
@@ -52,14 +53,14 @@ def test_methods_without_an_option_refuse_it(option: str) -> None:
 
 def test_several_options_are_taken_at_once() -> None:
     found = method_named("auto", budget="2s", sampler="anisotropic", aim=0.0)
-    assert isinstance(found, Auto) and (found.seconds, found.sampler, found.aim) == (2, "anisotropic", 0)
+    assert isinstance(found, Auto) and (found.seconds, found.sampler, found.aim) == (2, ANISOTROPIC, 0)
     with pytest.raises(UsageError, match=r"method optimum takes no aim: leave it out, or choose one of auto, refine"):
         method_named("optimum", budget="2s", aim=0.0)
 
 
 def test_samplers_and_aims_that_no_stack_is_made_for_are_refused() -> None:
     for name in OPTIONS["sampler"]:
-        with pytest.raises(UsageError, match=r"'stochastic': expected trilinear or anisotropic"):
+        with pytest.raises(UsageError, match=r"'stochastic': expected trilinear, anisotropic or accumulated"):
             method_named(name, sampler="stochastic")
     for aim in (-0.1, 1.5, float("nan")):
         with pytest.raises(UsageError, match=r"expected a number from 0 .* to 1"):
@@ -72,15 +73,15 @@ def test_results_say_what_they_were_made_for() -> None:
     made = {
         each.name: each(stored, "gltf", "gltf", "gaussian", ("wrap", "wrap"), lambda _: None)
         for each in (
-            Auto(effort=effort, descent=DescentEffort(rounds=1, looks=effort), sampler="anisotropic", aim=0.25),
-            Neural(sampler="anisotropic"),
+            Auto(effort=effort, descent=DescentEffort(rounds=1, looks=effort), sampler=ANISOTROPIC, aim=0.25),
+            Neural(sampler=ANISOTROPIC),
             Optimum(effort=effort, descent=DescentEffort(rounds=1, looks=effort)),
             METHODS["lean"],
         )
     }
     assert {name: (each.sampler, each.aim) for name, each in made.items()} == {
-        "auto": ("anisotropic", 0.25),
-        "neural": ("anisotropic", None),
+        "auto": (ANISOTROPIC, 0.25),
+        "neural": (ANISOTROPIC, None),
         "optimum": (None, None),
         "lean": (None, None),
     }

@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from mipbake import _native
-from mipbake.aim import BAKED_SAMPLERS
+from mipbake.aim import SAMPLERS, Sampler
 from mipbake.material import convert
 from mipbake.models.level_filter import Lookup
 from mipbake.models.moment_baker import MomentBaker
@@ -57,9 +57,9 @@ def test_torch_says_the_same(made: str, height: int, width: int, wrap: Wrap, pix
 
 @pytest.mark.long
 @pytest.mark.parametrize("info", RELEASED, ids=lambda info: info.name)
-@pytest.mark.parametrize("sampler", BAKED_SAMPLERS)
+@pytest.mark.parametrize("sampler", [*SAMPLERS.values(), Sampler(4, -1.0, 8)])
 @pytest.mark.parametrize("pixel_filter", list(FILTERS))
-def test_released_weights_bake_what_torch_bakes(info, sampler: str, pixel_filter: str) -> None:  # type: ignore[no-untyped-def]
+def test_released_weights_bake_what_torch_bakes(info, sampler: Sampler, pixel_filter: str) -> None:  # type: ignore[no-untyped-def]
     (read,), (made,) = info.network.encoders, info.network.decoders
     stored = of_model(read, 48, 40) if read != "gltf" else bumpy(48, 40)
     lookup = Lookup(pixel_filter, info.network.told(sampler))

@@ -9,12 +9,13 @@ import pytest
 import torch
 
 from mipbake import directions
-from mipbake.aim import BAKED_SAMPLERS
+from mipbake.aim import Sampler
 from mipbake.errors import UsageError
 from mipbake.material import MODELS, Kind, convert
 from mipbake.metrics import PAIR_SETS, pair_set, snr_db
+from mipbake.models.level_filter import width_of
 from mipbake.models.lookup_kernel import periodic_levels, periodic_matrices, sharpened, sharpening
-from mipbake.models.moment_config import MomentConfig
+from mipbake.models.moment_config import FEATURES, MomentConfig, features
 from mipbake.models.moment_inference import Lookup, bake, bake_levels
 from mipbake.models.moment_network import MomentNetwork
 from mipbake.pixel_filter import FILTERS, Wrap, filtered_levels, level_sizes
@@ -290,15 +291,32 @@ def test_gradients_of_lobes_are_finite_where_they_are_round() -> None:
     assert float(network.stretch.weight.grad.abs().max()) > 0  # type: ignore[union-attr]
 
 
-def test_samplers_that_are_told_apart_change_coarser_levels_and_what_is_trained_is_what_is_baked() -> None:
-    network = trained_like(replace(config_of("gltf"), samplers=BAKED_SAMPLERS))
+@pytest.mark.parametrize("count", [2, 4])
+def test_what_is_told_of_samplers_changes_all_levels_and_what_is_trained_is_what_is_baked(count: int) -> None:
+    network = trained_like(replace(config_of("gltf"), samplers=FEATURES[:count]))
     with torch.no_grad():
         network.told.normal_(0, 0.3, generator=torch.Generator().manual_seed(0))
     stored = of_model("gltf", 32, 32)
-    baked = {each: network.bake(stored, "gltf", "gltf", "gaussian", TORUS, sampler=each) for each in BAKED_SAMPLERS}
+    kinds = [Sampler(), Sampler(16), Sampler(4, -0.5, 8)]
+    baked = {each: network.bake(stored, "gltf", "gltf", "gaussian", TORUS, sampler=each) for each in kinds}
     for sampler, levels in baked.items():
         trained = network(torch.from_numpy(stored)[None], "gltf", "gaussian", sampler)["gltf"]
         for made, expected in list(zip(levels, trained, strict=True))[:4]:  # coarser ones come from box averages
             np.testing.assert_allclose(made, expected[0].detach().numpy(), atol=5e-4)
-    for level, (first, second) in enumerate(zip(*baked.values(), strict=True)):
-        assert np.abs(first - second).max() > 1e-3, level
+    for level, (first, *others) in enumerate(zip(*baked.values(), strict=True)):
+        assert all(np.abs(first - other).max() > 1e-3 for other in others), level
+
+
+def test_the_rows_of_two_features_are_those_of_the_two_samplers() -> None:
+    """Weights that were trained for these two alone make the same as ever; samplers between them are mixtures."""
+    assert [features(each)[:2] for each in (TRILINEAR, ANISOTROPIC, Sampler(4, frames=8))] == [
+        (1, 0),
+        (0, 1),
+        (0.5, 0.5),
+    ]
+    assert [width_of(2, each) for each in (TRILINEAR, ANISOTROPIC)] == [0.8, 1.0]
+    assert width_of(2, Sampler(16, -1.0)) == 2 and width_of(2, Sampler(frames=8)) < 0.8
+    assert width_of(0, Sampler(bias=-1.0)) == 1
+    for wrong in (FEATURES[:1], FEATURES[:3], ("anisotropic", "trilinear")):
+        with pytest.raises(UsageError, match=r"network\.samplers must be"):
+            replace(config_of("gltf"), samplers=wrong)

@@ -355,14 +355,25 @@ def test_presets_prints_every_row() -> None:
     ("options", "expected"),
     [
         ({}, None),
-        ({"preset": "unreal"}, "anisotropic"),
+        ({"preset": "unreal"}, "accumulated, anisotropic, bias -0.3"),
+        ({"preset": "unreal", "lod_bias": -1.58}, "accumulated, anisotropic, bias -1.58"),
+        ({"preset": "babylon"}, "anisotropic 4x"),
         ({"preset": "three"}, "trilinear"),
         ({"preset": "unreal", "sampler": "trilinear"}, "trilinear"),
         ({"preset": "unreal", "method": "linear"}, None),
+        ({"lod_bias": -1}, "trilinear, bias -1"),
+        ({"sampler": mipbake.Sampler(frames=8), "lod_bias": -1}, "accumulated, bias -1"),
     ],
 )
-def test_presets_choose_a_sampler_for_methods_that_take_one(options: dict[str, str], expected: str | None) -> None:
-    assert mipbake.BakeOptions(**options).asked().options.sampler == expected
+def test_presets_choose_a_sampler_for_methods_that_take_one(options: dict[str, object], expected: str | None) -> None:
+    asked = mipbake.BakeOptions(**options).asked().options  # type: ignore[arg-type]
+    assert (None if asked.sampler is None else str(asked.sampler), asked.lod_bias) == (expected, None)
+
+
+def test_a_method_without_a_sampler_takes_no_bias() -> None:
+    for options in ({"preset": "unreal"}, {}):
+        with pytest.raises(mipbake.UsageError, match="method linear takes no sampler"):
+            mipbake.BakeOptions(**options, method="linear", lod_bias=-1).asked()
 
 
 def test_formats_and_packings_of_presets_exist() -> None:
@@ -404,7 +415,7 @@ def test_the_table_of_engines_agrees() -> None:
     assert list(rows) == list(PRESETS)
     for name, (files, colour, normal, packing, sampler, *_) in rows.items():
         each = PRESETS[name]
-        assert sampler == each.sampler
+        assert sampler == str(each.sampler)
         formats = [output.format for output in each.outputs]
         assert [SPOKEN_FILES[part] for part in files.split(", ") if part in SPOKEN_FILES] == formats
         convention, channels = normal.replace("*", "").split(", ")

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import mipbake
+from mipbake.aim import SAMPLERS
 from mipbake.presets import PRESETS
 
 from . import packed_sets
@@ -19,7 +20,7 @@ from .test_presets import run
 def test_a_stack_for_another_sampler_is_told(name: str, tmp_path: Path) -> None:
     """Stacks for one sampler are saved for an engine that has the other one; closed forms are for both."""
     plain = mipbake.bake(mipbake.load(packed_sets.orm(tmp_path / "wood")), method="linear", target="gltf")
-    for made_for in ("trilinear", "anisotropic", None):
+    for made_for in (*SAMPLERS.values(), None):
         stack = replace(plain, provenance=replace(plain.provenance, sampler=made_for))
         with warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("always")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mipbake import sampling
-from mipbake.aim import BAKED_SAMPLERS
+from mipbake.aim import ANISOTROPIC, TRILINEAR, Sampler
 from mipbake.judging.shown import KINDS_SHOWN, draw_shown
 from mipbake.metrics.visible import SIDE, VisibleError, bands
 from mipbake.pixel_filter import FILTERS
@@ -29,9 +29,10 @@ from .stacks import gltf_level
 
 WRAP = ("wrap", "wrap")
 HEIGHT, WIDTH = 24, 32
+KINDS = [TRILINEAR, ANISOTROPIC, Sampler(4, -0.3), Sampler(bias=-1.0, frames=8), Sampler(16, 0.5, 8)]
 
 
-def drawn(sampler: str, slant: list[float], lod: float = 1.0, lights: int = 4, seed: int = 0) -> SmallPictures:
+def drawn(sampler: Sampler, slant: list[float], lod: float = 1.0, lights: int = 4, seed: int = 0) -> SmallPictures:
     count = len(slant)
     rng = np.random.default_rng(seed)
     args = np.full(count, lod), np.array(slant), (WIDTH, HEIGHT), sampler, [studio(lights)], rng.random((count, 2))
@@ -54,7 +55,7 @@ def test_frames_are_right_handed_and_slants_are_cosines_of_views() -> None:
     rooms = [Lighting("axes", world, np.ones((4, 3)))]
     slant = draw_slants(np.random.default_rng(1), 200)
     rng = np.random.default_rng(2)
-    made = draw_small_pictures(rng, np.ones(200), slant, (32, 32), "trilinear", rooms, rng.random((200, 2)))
+    made = draw_small_pictures(rng, np.ones(200), slant, (32, 32), TRILINEAR, rooms, rng.random((200, 2)))
     frame = made.light[:, :3].transpose(0, 2, 1).astype(float)  # rows tangent, bitangent, normal
     np.testing.assert_allclose(frame @ frame.transpose(0, 2, 1), np.broadcast_to(np.eye(3), frame.shape), atol=1e-5)
     np.testing.assert_allclose(np.linalg.det(frame), 1, atol=1e-5)
@@ -74,7 +75,7 @@ def test_rooms_take_turns_and_lights_that_a_room_lacks_have_no_power() -> None:
         Lighting("two", np.array([[0.0, 0.6, 0.8], [0.0, 1.0, 0.0]]), np.ones((2, 3))),
     ]
     rng = np.random.default_rng(0)
-    made = draw_small_pictures(rng, np.ones(4), np.full(4, 0.8), (32, 32), "trilinear", rooms, rng.random((4, 2)))
+    made = draw_small_pictures(rng, np.ones(4), np.full(4, 0.8), (32, 32), TRILINEAR, rooms, rng.random((4, 2)))
     one, two = [[2, 2, 2], [0, 0, 0]], [[1, 1, 1], [1, 1, 1]]
     np.testing.assert_array_equal(made.power, [one, two, one, two])
     np.testing.assert_allclose(made.light[1, 0] @ made.light[1, 1], 0.6, atol=1e-5)
@@ -84,7 +85,7 @@ def test_rooms_take_turns_and_lights_that_a_room_lacks_have_no_power() -> None:
 def test_anisotropic_lookups_lie_evenly_along_the_longer_side(slant: float, lookups: int) -> None:
     """n = ceil(a / b) at log2(a / n), as conventions.md has it, and trilinear ones at log2(a)."""
     lod = 1.3
-    made, plain = (drawn(sampler, [slant], lod) for sampler in ("anisotropic", "trilinear"))
+    made, plain = (drawn(sampler, [slant], lod) for sampler in (ANISOTROPIC, TRILINEAR))
     assert made.lookups.tolist() == [lookups] and plain.lookups.tolist() == [1]
     size = np.array([WIDTH, HEIGHT])
     for each in (made, plain):
@@ -100,7 +101,7 @@ def test_anisotropic_lookups_lie_evenly_along_the_longer_side(slant: float, look
 
 @pytest.mark.parametrize("slant", [1.0, 0.45, 0.13])
 def test_pixels_lie_side_by_side_as_the_screen_has_them(slant: float) -> None:
-    made = drawn("trilinear", [slant], 0.7)
+    made = drawn(TRILINEAR, [slant], 0.7)
     texels = made.uv[0].reshape(SIDE, SIDE, 2) * [WIDTH, HEIGHT]
     rows, columns = texels[1:] - texels[:-1], texels[:, 1:] - texels[:, :-1]
     along, across = made.axes[0] * 2**0.7
@@ -115,18 +116,18 @@ def test_pixels_lie_side_by_side_as_the_screen_has_them(slant: float) -> None:
 @pytest.mark.parametrize("slant", [0.9, 0.3])
 def test_lookups_are_those_of_the_sampler(slant: float) -> None:
     """The mean of a pixel's lookups is what `samplers.look_up` finds for its footprint."""
-    made = drawn("anisotropic", [slant], 0.0)
+    made = drawn(ANISOTROPIC, [slant], 0.0)
     level = gltf_level((HEIGHT, WIDTH), 0)
     axes = made.axes[0].astype(float) * 2 ** made.longer[0] / [WIDTH, HEIGHT]
     footprint = np.broadcast_to([axes[0, 0], axes[1, 0], axes[0, 1], axes[1, 1]], (PIXELS, 4))
-    expected = look_up([level, level[::2, ::2]], made.uv[0], footprint, WRAP, "anisotropic")
+    expected = look_up([level, level[::2, ::2]], made.uv[0], footprint, WRAP, ANISOTROPIC)
     where = made.looked_up_at(slice(0, 1), int(made.lookups[0]))[0].astype(np.float32)
     found = sampling.texture(level[None], where[None], filter_mode="linear", boundary_mode=WRAP)[0].mean(1)
     assert np.abs(found - expected).mean() < 0.02
 
 
-@pytest.mark.parametrize("sampler", BAKED_SAMPLERS)
-def test_no_lookup_is_beyond_the_reach(sampler: str) -> None:
+@pytest.mark.parametrize("sampler", KINDS)
+def test_no_lookup_is_beyond_the_reach(sampler: Sampler) -> None:
     slant = np.linspace(0.1, 1, 19).tolist()
     made = drawn(sampler, slant, 2.0)
     farthest = 0.0
@@ -136,8 +137,8 @@ def test_no_lookup_is_beyond_the_reach(sampler: str) -> None:
     assert 0.8 * reach(sampler) < farthest <= reach(sampler)
 
 
-@pytest.mark.parametrize("sampler", BAKED_SAMPLERS)
-def test_what_is_right_is_the_filtered_sum_over_all_lights(sampler: str) -> None:
+@pytest.mark.parametrize("sampler", KINDS)
+def test_what_is_right_is_the_filtered_sum_over_all_lights(sampler: Sampler) -> None:
     """Against the midpoint rule in a loop over lights and places of pixels."""
     level = gltf_level((HEIGHT, WIDTH), 0)
     level[..., 4] = 0.5 + 0.5 * level[..., 4]
@@ -162,7 +163,7 @@ def test_what_is_right_is_the_filtered_sum_over_all_lights(sampler: str) -> None
 
 def test_the_adjoint_is_the_derivative_by_texels() -> None:
     rng = np.random.default_rng(3)
-    made = drawn("trilinear", [0.9, 0.4])
+    made = drawn(TRILINEAR, [0.9, 0.4])
     texels = gltf_level((2, PIXELS), 1)
     texels[..., 4] = 0.4 + 0.4 * texels[..., 4]
     gradient = rng.normal(size=(2, PIXELS, 3)).astype(np.float32)
@@ -176,7 +177,7 @@ def test_the_adjoint_is_the_derivative_by_texels() -> None:
 
 
 def test_parts_are_the_same_pictures() -> None:
-    made = drawn("anisotropic", [0.9, 0.4, 0.2])
+    made = drawn(ANISOTROPIC, [0.9, 0.4, 0.2])
     texels = gltf_level((3, PIXELS), 2)
     some = np.array([2, 0])
     np.testing.assert_array_equal(made.part(some).radiance("gltf", texels[some]), made.radiance("gltf", texels)[some])
@@ -192,14 +193,14 @@ def test_exposures_lie_between_the_median_of_a_picture_and_of_all() -> None:
     assert np.isfinite(exposures(np.zeros((2, PIXELS, 3), np.float32))).all()
 
 
-@pytest.mark.parametrize("sampler", BAKED_SAMPLERS)
-def test_a_stack_that_is_right_is_only_off_by_noise(sampler: str) -> None:
+@pytest.mark.parametrize("sampler", KINDS)
+def test_a_stack_that_is_right_is_only_off_by_noise(sampler: Sampler) -> None:
     """On a material whose reference is its level 0 everywhere, and with a wrong colour it is not."""
     level = np.broadcast_to(np.array([0.5, 0.3, 0.2, 0, 0.5, 0, 0, 1], np.float32), (16, 16, 8)).copy()
-    task = Problem(level, "gltf", "gltf", "gaussian", WRAP, sampler)  # type: ignore[arg-type]
+    task = Problem(level, "gltf", "gltf", "gaussian", WRAP, sampler)
     shown = draw_shown(task, whole(task), 1.0, 12, 4, np.random.default_rng(0))
     count = len(shown.pictures.lod)
-    assert count % KINDS_SHOWN == 0 and shown.pictures.lookups.max() == (1 if sampler == "trilinear" else 10)
+    assert count % KINDS_SHOWN == 0 and shown.pictures.lookups.max() == (1 if sampler == TRILINEAR else 10)
     texels = np.broadcast_to(level[0, 0], (count, PIXELS, 8))
     right = shown.error(shown.pictures.radiance("gltf", texels))
     other = texels.copy()
@@ -210,7 +211,7 @@ def test_a_stack_that_is_right_is_only_off_by_noise(sampler: str) -> None:
 
 
 def test_level_0_is_seen_by_pixels_that_are_smaller_than_its_texels() -> None:
-    task = Problem(gltf_level((16, 16), 0), "gltf", "gltf", "gaussian", WRAP, "anisotropic")
+    task = Problem(gltf_level((16, 16), 0), "gltf", "gltf", "gaussian", WRAP, ANISOTROPIC)
     for lod, least in ((0.0, -0.7), (0.5, 0.5), (1.0, 1.0)):
         found = draw_shown(task, whole(task), lod, 32, 1, np.random.default_rng(0)).pictures.lod
         assert least <= found.min() and found.max() <= lod

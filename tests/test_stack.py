@@ -13,6 +13,7 @@ import OpenImageIO
 import pytest
 
 from mipbake import material
+from mipbake.aim import Sampler
 from mipbake.content import Provenance
 from mipbake.errors import InputError, UsageError
 from mipbake.io.containers import FORMATS, format_named
@@ -270,7 +271,7 @@ def test_broken_stacks_are_input_errors(tmp_path, fmt):
 
 def test_what_a_stack_was_made_for_is_kept_and_missing_in_older_files(tmp_path):
     stack = make_stack()
-    made_for = replace(stack.provenance, sampler="anisotropic", aim=0.0)
+    made_for = replace(stack.provenance, sampler=Sampler(4, -1.0, 8), aim=0.0)
     replace(stack, provenance=made_for).save(tmp_path / "s")
     assert open_stack(tmp_path / "s").provenance == made_for
     told = json.loads((tmp_path / "s" / MANIFEST).read_text())["provenance"]
@@ -279,10 +280,18 @@ def test_what_a_stack_was_made_for_is_kept_and_missing_in_older_files(tmp_path):
         content = json.loads((tmp_path / "s" / MANIFEST).read_text())
         (tmp_path / "s" / MANIFEST).write_text(json.dumps({**content, "provenance": provenance}))
 
-    for odd in ({"sampler": "stochastic"}, {"aim": 2}, {"aim": "much"}):
+    for odd in (
+        {"sampler": "stochastic"},
+        {"sampler": {"lookups": 3, "bias": 0, "frames": 1}},
+        {"aim": 2},
+        {"aim": "much"},
+    ):
         write({**told, **odd})
         with pytest.raises(InputError, match="does not describe a stack"):
             open_stack(tmp_path / "s")
+    for older in ("trilinear", "anisotropic"):
+        write({**told, "sampler": older})
+        assert str(open_stack(tmp_path / "s").provenance.sampler) == older
     write({key: value for key, value in told.items() if key not in ("sampler", "aim")})
     found = open_stack(tmp_path / "s").provenance
     assert (found.sampler, found.aim) == (None, None)

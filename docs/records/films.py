@@ -27,6 +27,10 @@ SPARKLE_MORE = 1.25
 NO_SPARKLE = 1e-4
 """False sparkle that is as good as none: one value in a thousand is a tenth brighter than what is let pass."""
 
+GLOSSY, BUMPY = 0.5, 0.2
+"""Mean roughness below which a set counts as glossy, and root mean square of slopes from which it counts as bumpy:
+about half of the test sets each."""
+
 APART = 0.1
 """JOD by which two methods differ in a film when their order is asked for."""
 
@@ -36,15 +40,16 @@ class Film:
     """One film of one set.
 
     Args:
-        set, scene, sampler: names; the scene is `floor`, `wall` or `sphere`.
-        accumulated: whether frames were accumulated. converged: whether the reference is as clean as wanted.
+        set, scene, sampler: names; the scene is `floor`, `low-floor`, `wall` or `sphere`.
+        stratum: of the set, such as `glossy, bumpy`.
+        converged: whether the reference is as clean as wanted.
         figures: method to measure to figure, without those that are not numbers.
     """
 
     set: str
     scene: str
     sampler: str
-    accumulated: bool
+    stratum: str
     converged: bool
     figures: Mapping[str, Mapping[str, float]]
 
@@ -74,6 +79,11 @@ class Film:
         """Whether it flickers as the reference does, within STEADY."""
         return STEADY[0] <= self.figures[method]["flicker"] <= STEADY[1]
 
+    def is_restless(self, method: str) -> bool:
+        """Whether it flickers more than LINEAR does, and more than the reference, beyond STEADY."""
+        found, plain = (self.figures[name].get("flicker", 0.0) for name in (method, LINEAR))
+        return found > max(plain, STEADY[1])
+
     def sparkles(self, method: str) -> bool:
         """Whether it sparkles more than LINEAR does, by more than 25 %."""
         found, plain = (self.figures[name]["sparkle"] for name in (method, LINEAR))
@@ -86,16 +96,21 @@ class Film:
 
 
 def films(data: Mapping[str, Any], accumulated: bool) -> list[Film]:
-    """The films of a record, with accumulation or without."""
+    """The films of a record, under samplers that accumulate frames or under the others."""
     return [
         Film(
-            name, film["scene"].removeprefix("film-"), film["sampler"], film["accumulated"], film["converged"],
+            name, film["scene"].removeprefix("film-"), film["sampler"], _stratum(each), film["converged"],
             {m: {k: v for k, v in found.items() if v is not None} for m, found in film["figures"].items()},
         )
         for name, each in data["sets"].items()
         for film in each["films"]
-        if film["accumulated"] == accumulated
+        if film["sampler"].startswith("accumulated") == accumulated
     ]  # fmt: skip
+
+
+def _stratum(measured: Mapping[str, Any]) -> str:
+    gloss = "glossy" if measured["roughness"] < GLOSSY else "matte"
+    return f"{gloss}, {'bumpy' if measured['slope'] >= BUMPY else 'flat'}"
 
 
 @dataclass(frozen=True)

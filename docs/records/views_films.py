@@ -20,6 +20,8 @@ from records.film_aims import (
 from records.films import (
     APART,
     AUTO,
+    BUMPY,
+    GLOSSY,
     LINEAR,
     NEURAL,
     NO_SPARKLE,
@@ -62,7 +64,8 @@ def setup(records: Records) -> str:
     return wrapped(
         f"There are {len(data['sets'])} texture sets, and {len(found)} films of every method: "
         f"{_listed(_scenes(found))}, each with the samplers {_listed(_samplers(found))}. The lightings are {lit}, in "
-        f"turn, a set after the other. A film has {effort['frames']} frames of {height * 3 // 2} x {height} pixels. "
+        f"turn, a set after the other. {_strata_words(found)} "
+        f"A film has {effort['frames']} frames of {height * 3 // 2} x {height} pixels. "
         f"`{NEURAL}` is the network {networks}. The references of {clean} films are as clean as wanted within "
         f"{effort['passes']} samples a pixel; the noise of the other references counts as error of all methods."
     )
@@ -75,7 +78,7 @@ def short(records: Records) -> str:
     better, worse = (share(found, lambda film, sign=sign: sign * film.over(AUTO) >= APART) for sign in (1, -1))  # type: ignore[misc]
     return wrapped(
         "What people see is another question. ColorVideoVDP judged "
-        f"{len(found)} films of {len({film.set for film in found})} sets: receding floors, walls and spheres. Its unit "
+        f"{len(found)} films of {len({film.set for film in found})} sets: floors, walls and spheres. Its unit "
         "is JOD: one more means that three in four people prefer the film. Beside plain MIP maps, the films of "
         f"`{AUTO}` gain {each.mean:+.2f} JOD in the mean, and from {each.film_gain(each.worst):+.2f} to "
         f"{each.film_gain(each.best):+.2f}. They are better by {APART:g} JOD or more in {better:.0%} of the films, and "
@@ -95,7 +98,13 @@ def aimed_at(records: Records) -> str:
 
 def jod(records: Records) -> str:
     """Mean JOD by method, scene and sampler."""
-    return _means(_films(records))
+    found = _films(records)
+    return _means([*_places(found), ("all", found)])
+
+
+def jod_strata(records: Records) -> str:
+    """Mean JOD by method and kind of set."""
+    return _means(_strata(_films(records)))
 
 
 def beside_linear(records: Records) -> str:
@@ -187,20 +196,19 @@ def steady_words(records: Records) -> str:
 
 
 def accumulated_jod(records: Records) -> str:
-    """Mean JOD of accumulated films, and what is left of the gain."""
-    found, plain, rows = _films(records, True), {film.name: film for film in _films(records)}, []
+    """Mean JOD of accumulated films, and how methods stand beside LINEAR under each sampler."""
+    found, rows = _films(records, True), []
+    parts = _by(found, lambda film: film.sampler)
     for method in found[0].methods:
         if method == LINEAR:
             continue
-        for title, some in _by_sampler(found):
-            with_, without = gain(some, method), gain([plain[film.name] for film in some], method).mean
-            left = "none to keep" if without <= 0 else f"{max(0.0, with_.mean / without):.0%}"
-            worst, best = (f"{with_.film_gain(film):+.2f}" for film in (with_.worst, with_.best))
-            rows.append(
-                [method, title, f"{without:+.2f}", f"{with_.mean:+.2f}", left, worst, best, f"{with_.above:.0%}"]
-            )
-    heads = ["method", "films", "gain without", "gain with", "left", "worst", "best", "above"]
-    return f"{_means(found)}\n\n{table(heads, rows)}"
+        for title, some in parts:
+            each, hard = gain(some, method), low(some)
+            worst, best = (f"{each.film_gain(film):+.2f} ({film.set})" for film in (each.worst, each.best))
+            won = f"{gain(hard, method).mean:+.2f} in {len(hard)}" if hard else "no such film"
+            rows.append([method, title, f"{each.mean:+.2f}", won, worst, best, f"{each.above:.0%}"])
+    heads = ["method", "sampler", "mean", f"where {LINEAR} is below {LOW:g}", "worst", "best", "above"]
+    return f"{_means([*_places(found), ('all', found)])}\n\n{table(heads, rows)}"
 
 
 def accumulated_steady(records: Records) -> str:
@@ -238,26 +246,39 @@ def _samplers(found: Sequence[Film]) -> list[str]:
     return list(dict.fromkeys(film.sampler for film in found))
 
 
-def _by_sampler(found: Sequence[Film]) -> list[tuple[str, list[Film]]]:
-    """Title to films: of each sampler, and all."""
-    parts = [(sampler, [film for film in found if film.sampler == sampler]) for sampler in _samplers(found)]
-    return [*parts, ("all", list(found))]
+def _by(found: Sequence[Film], key: Callable[[Film], str]) -> list[tuple[str, list[Film]]]:
+    """Title to films, by what their titles are."""
+    return [(title, [film for film in found if key(film) == title]) for title in dict.fromkeys(map(key, found))]
+
+
+def _places(found: Sequence[Film]) -> list[tuple[str, list[Film]]]:
+    """Title to films: of each scene and sampler."""
+    parts = dict(_by(found, lambda film: f"{film.scene}, {film.sampler}"))
+    titles = [f"{scene}, {sampler}" for scene in _scenes(found) for sampler in _samplers(found)]
+    return [(title, parts[title]) for title in titles]
+
+
+def _strata(found: Sequence[Film]) -> list[tuple[str, list[Film]]]:
+    """Title to films: of each kind of set."""
+    return sorted(_by(found, lambda film: film.stratum))
 
 
 def _parts(found: Sequence[Film]) -> list[tuple[str, list[Film]]]:
-    """Title to films: of each scene and sampler, and all."""
-    parts = [
-        (f"{scene}, {sampler}", [film for film in found if (film.scene, film.sampler) == (scene, sampler)])
-        for scene in _scenes(found)
-        for sampler in _samplers(found)
-    ]
-    return [*parts, ("all", list(found))]
+    """Title to films: of each scene and sampler, of each kind of set, and all."""
+    return [*_places(found), *_strata(found), ("all", list(found))]
 
 
-def _means(found: Sequence[Film]) -> str:
+def _strata_words(found: Sequence[Film]) -> str:
+    counts = [f"{len({film.set for film in some})} are {title.replace(',', ' and')}" for title, some in _strata(found)]
+    return (
+        f"A set is glossy where its mean roughness is below {GLOSSY:g}, and bumpy where the root mean square of its "
+        f"slopes is {BUMPY:g} or more: {_listed(counts)}."
+    )
+
+
+def _means(parts: Sequence[tuple[str, Sequence[Film]]]) -> str:
     """Mean JOD, methods down and films across; the best of a column is bold."""
-    parts = _parts(found)
-    shown = {name: [round(mean_jod(some, name), 2) for _, some in parts] for name in found[0].methods}
+    shown = {name: [round(mean_jod(some, name), 2) for _, some in parts] for name in parts[0][1][0].methods}
     most = [max(column) for column in zip(*shown.values(), strict=True)]
     rows = [
         [
@@ -309,6 +330,7 @@ FILM_VIEWS: Mapping[str, Callable[[Any], str]] = {
     "setup": setup,
     "aims": aimed_at,
     "jod": jod,
+    "jod-strata": jod_strata,
     "beside-linear": beside_linear,
     "misses": misses,
     "low": low_films,

@@ -20,7 +20,6 @@ from mipbake.compare.pictures import RenderSettings
 from mipbake.compare.result import Figure, Filmed, FilmedScene
 from mipbake.compare.scenes import median_lod
 from mipbake.reference.source import FilteredSource
-from mipbake.render.accumulation import film_accumulated
 from mipbake.render.environment import Lighting
 from mipbake.render.film import FilmSampling, Frames, film_candidate
 from mipbake.render.mesh import Mesh
@@ -36,7 +35,9 @@ larger."""
 UNSEEN = 1 / (255 * math.sqrt(12))
 """Noise of displayed values that is as good as none: what rounding to bytes adds. Not tuned."""
 
-LEAST_PASSES = 16
+LEAST_PASSES = 96
+"""Samples for each pixel that a reference starts with. Not tuned."""
+
 _LEAST_STEP = 1.25  # times as many samples as before
 
 
@@ -47,12 +48,10 @@ class FilmSettings:
     Args:
         renders: how frames are rendered, as pictures are.
         motion: what moves.
-        accumulate: whether candidates are accumulated over frames (`mipbake.render.accumulation`).
     """
 
     renders: RenderSettings
     motion: Motion = "camera"
-    accumulate: bool = False
 
 
 def film_view(scene: str) -> str:
@@ -128,18 +127,16 @@ def taken(
     """Films a scene with every candidate, and its reference once for all; arguments as `film`."""
     looks = settings.renders
     frames: dict[str, Frames] = {}
-    make = film_accumulated if settings.accumulate else film_candidate
     for index, each in enumerate(candidates):
         levels, model = each.levels, each.method.model
-        frames[each.method.name] = make(scene.film, levels, model, source.wrap, looks.sampler, looks.seed)
+        frames[each.method.name] = film_candidate(scene.film, levels, model, source.wrap, looks.sampler, looks.seed)
         progress(0.4 * (index + 1) / len(candidates))
     shown, closest = _reference(scene, source, list(frames.values()), looks, lambda share: progress(0.4 + 0.6 * share))
     found = FilmedScene(
         name=film_view(scene.name),
         title=scene.title,
         motion=settings.motion,
-        sampler=looks.sampler,
-        accumulated=settings.accumulate,
+        sampler=str(looks.sampler),
         lod=_lod(scene, source, len(candidates[0].levels) - 1),
         resolution=scene.film.resolution,
         frames=len(scene.film.cameras),
@@ -164,7 +161,7 @@ def _reference(
     """The reference, and the error of the closest candidate."""
     sampling = FilmSampling(scene.film, source, looks.seed, Cache(looks.cache) if looks.cache else None)
     most = min(MOST_PASSES, looks.max_passes)
-    passes, before = max(LEAST_PASSES, sampling.passes), 0
+    passes, before = max(min(LEAST_PASSES, most), sampling.passes), 0
 
     def told(share: float) -> None:
         progress((before + share * (passes - before)) / max(most, passes))

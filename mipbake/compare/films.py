@@ -1,5 +1,5 @@
-"""The films that methods are compared in: a receding floor, a wall at about one texel a pixel, a turning sphere, or a
-mesh of the user's."""
+"""The films that methods are compared in: a floor seen from above, a low floor, a wall at about one texel a pixel, a
+turning sphere, or a mesh of the user's."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mipbake.compare.scenes import exposed, mesh_views, plane_shot, sphere_shot
+from mipbake.compare.scenes import exposed, mesh_views, sphere_shot
 from mipbake.errors import UsageError
 from mipbake.render import shapes
 from mipbake.render.camera import Camera, Vector
@@ -22,8 +22,8 @@ from mipbake.render.mesh_render import Shot
 RESOLUTION = (160, 240)
 """(height, width) of films in pixels. A guess: about 4 and 6.5 degrees of sight at 37 pixels per degree."""
 
-FRAMES = 16
-"""Frames of a film. A guess: half a second, at FRAMES_PER_SECOND."""
+FRAMES = 12
+"""Frames of a film. A guess: 0.4 seconds, at FRAMES_PER_SECOND."""
 
 FRAMES_PER_SECOND = 30.0
 """A guess: what games run at on slower machines."""
@@ -33,15 +33,40 @@ Motion = Literal["camera", "light"]
 
 MOTIONS: tuple[Motion, ...] = get_args(Motion)
 
-FLOOR_LAST = 4
-"""Level of detail at the top of the floor, where the stack has so many levels; it is 0 at the bottom."""
-
-_STEP = (0.61, 0.37)  # texels of level 0 to the right and ahead, from frame to frame, on floor and wall
 _TURN = 0.25  # degrees from frame to frame, of spheres, of meshes and of lights
-_WALL_LOD = 0.25  # level of detail in the middle of the wall; a guess: from 0 to 0.5 over the picture
-_WALL_ANGLE = 12.0  # degrees that the wall is turned by, which spreads its levels of detail
-_WALL_FIELD = 30.0  # vertical field of view, degrees
 _SPHERE_LOD = 1.0  # median level of detail of the sphere
+_HORIZON = 1000  # times the height of the eye, where the ground ends: a quarter of a pixel below the horizon
+
+
+@dataclass(frozen=True)
+class _Ground:
+    """A film of the ground, which a camera goes over.
+
+    All of these are guesses at what people look at. Lengths are in the world.
+
+    Args:
+        name, title: of the film.
+        eye: height of the camera. down: degrees by which it looks below the horizon.
+        field: horizontal field of view, degrees.
+        texels: to the unit, in a film as high as RESOLUTION; as many fewer in a lower one, whose pixels are larger.
+        step: of the camera from frame to frame, to the right and ahead.
+    """
+
+    name: str
+    title: str
+    eye: float
+    down: float
+    field: float
+    texels: float
+    step: tuple[float, float]
+
+
+_GROUNDS = (
+    _Ground("floor", "Floor, 11 to 45 degrees below the horizon", 1.0, 28, 50, 700, (0.0009, 0.0019)),
+    _Ground("low-floor", "Low floor, up to 31 degrees below the horizon", 0.5, 14, 50, 700, (0.0006, 0.0021)),
+    # The pixel in the middle is 1.15 texels wide. Lights fall on this wall as they do on floors.
+    _Ground("wall", "Wall, about one texel a pixel", 1.0, 78, 40, 371, (0.0017, 0.0006)),
+)
 
 
 def motion_named(name: str) -> Motion:
@@ -57,7 +82,7 @@ class FilmScene:
     """A film with its names.
 
     Args:
-        name: key, also of files: `floor`, `wall`, `sphere` or `mesh`. title: what a reader is shown.
+        name: key, also of files: `floor`, `low-floor`, `wall`, `sphere` or `mesh`. title: what a reader is shown.
     """
 
     name: str
@@ -73,19 +98,13 @@ def standard_films(
     frames: int = FRAMES,
     resolution: tuple[int, int] = RESOLUTION,
 ) -> tuple[FilmScene, ...]:
-    """Floor, wall and sphere for a texture of `size` (height, width), whose texels stay square on them."""
-    floor_last = min(FLOOR_LAST, last_level)
-    floor = plane_shot(size, lighting, floor_last, resolution)
-    wall = _wall_shot(size, lighting, resolution)
+    """Floors, wall and sphere for a texture of `size` (height, width), whose texels stay square on them.
+
+    The ground repeats the texture, so that texels are as large for any size. What is above the horizon is black.
+    """
+    grounds = tuple(_ground_film(each, size, lighting, motion, frames, resolution) for each in _GROUNDS)
     sphere = sphere_shot(size, lighting, min(_SPHERE_LOD, float(last_level)), resolution)
-    texel = 1 / (np.ptp(floor.mesh.uv[:, 0]) / np.ptp(floor.mesh.positions[:, 0]) * size[1])
-    ahead = (_STEP[0] * texel, 0.0, -_STEP[1] * texel)
-    across = (_STEP[0] * _WALL_TEXEL, _STEP[1] * _WALL_TEXEL, 0.0)
-    return (
-        FilmScene("floor", f"Floor, lod 0 to {floor_last}", _moving(floor, ahead, motion, frames)),
-        FilmScene("wall", "Wall, about one texel a pixel", _moving(wall, across, motion, frames)),
-        FilmScene("sphere", "Turning sphere", _turning(sphere, motion, frames)),
-    )
+    return (*grounds, FilmScene("sphere", "Turning sphere", _turning(sphere, motion, frames)))
 
 
 def mesh_films(
@@ -102,25 +121,44 @@ def mesh_films(
     return (FilmScene("mesh", f"{mesh.name}, turning", _turning(still, motion, frames)),)
 
 
-_WALL_TEXEL = 1 / 256  # in the world; not tuned: only its ratio to the distance is seen
+def _ground_film(
+    ground: _Ground,
+    size: tuple[int, int],
+    lighting: Lighting,
+    motion: Motion,
+    frames: int,
+    resolution: tuple[int, int],
+) -> FilmScene:
+    """The film, with the middle of the texture in the middle of the picture: sets that do not repeat fill it."""
+    eye, down = ground.eye, math.radians(ground.down)
+    camera = Camera(
+        (0.0, eye, 0.0),
+        (0.0, eye - math.sin(down), -math.cos(down)),
+        field_of_view=2
+        * math.degrees(math.atan(math.tan(math.radians(ground.field) / 2) * resolution[0] / resolution[1])),
+        near=0.01 * eye,
+        far=2 * _HORIZON * eye,
+    )
+    flat = shapes.plane(2 * _HORIZON * eye, 2 * _HORIZON * eye)
+    middle = flat.positions + np.array(
+        [0.0, 0.0, eye / math.tan(down)]
+    )  # from where the picture's middle meets the ground
+    texels = ground.texels * resolution[0] / RESOLUTION[0]
+    uv = 0.5 + middle[:, [0, 2]] * texels / np.array([size[1], size[0]], np.float64)
+    mesh = Mesh(ground.name, flat.positions, flat.normals, uv, flat.tangents, flat.triangles)
+    right, ahead = ground.step
+    shot = Shot(mesh, camera, _from_ahead(lighting), resolution)
+    return FilmScene(ground.name, ground.title, _moving(shot, (right, 0.0, -ahead), motion, frames))
 
 
-def _wall_shot(size: tuple[int, int], lighting: Lighting, resolution: tuple[int, int]) -> Shot:
-    """A wall through the origin, upright, turned a little about the vertical."""
-    height, width = resolution
-    pixel = _WALL_TEXEL * 2**_WALL_LOD  # on the middle of the wall
-    distance = pixel * height / 2 / math.tan(math.radians(_WALL_FIELD) / 2)
-    side = 4 * pixel * (height + width)
-    ground = shapes.plane(side, side)
-    # The plane lies on the ground with v along +z: it is raised, so that v runs downwards.
-    raised = np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]])
-    turned = _about_y(_WALL_ANGLE) @ raised
-    tangents = np.concatenate([ground.tangents[:, :3] @ turned.T, ground.tangents[:, 3:]], 1)
-    # The middle of the texture in the middle of the picture: sets that do not repeat fill it.
-    uv = 0.5 + (ground.uv - 0.5) * side / _WALL_TEXEL / np.array([size[1], size[0]], np.float64)
-    mesh = Mesh("wall", ground.positions @ turned.T, ground.normals @ turned.T, uv, tangents, ground.triangles)
-    camera = Camera((0.0, 0.0, distance), field_of_view=_WALL_FIELD, near=0.1 * distance, far=10 * distance)
-    return Shot(mesh, camera, lighting, resolution)
+def _from_ahead(lighting: Lighting) -> Lighting:
+    """The lights turned about the vertical, so that their mean comes from where the camera looks, -z.
+
+    There grounds mirror them: the sun behind the camera is no test of a floor.
+    """
+    x, _, z = lighting.radiance.sum(-1) @ lighting.direction
+    away = math.degrees(math.atan2(x, -z))
+    return replace(lighting, direction=lighting.direction @ _about_y(away).T)
 
 
 def _moving(shot: Shot, step: Vector, motion: Motion, frames: int) -> Film:

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake.aim import Sampler
 from mipbake.compare.candidates import Candidate
 from mipbake.metrics import PAIR_SETS
 from mipbake.metrics.images import displayed
@@ -27,6 +28,7 @@ from mipbake.reference.pair_sets import weighted_pair_set
 from mipbake.reference.samples import Pixels
 from mipbake.reference.sequences import random_points
 from mipbake.reference.source import FilteredSource
+from mipbake.render.samplers import over_frames
 from mipbake.render.texture_space import looked_up
 from mipbake.shading import shade
 
@@ -55,17 +57,18 @@ class Scene:
     other.
 
     Args:
-        weights: (B, K) of the pairs in means over their sets.
+        weights: (B, K) of the pairs in means over their sets. sampler: that looks candidates up.
     """
 
     source: FilteredSource
     lighting: GroupPairs
     weights: NDArray[np.float64]
+    sampler: Sampler
 
     def __getitem__(self, some: slice) -> Scene:
         """Some of the blocks."""
         lighting = GroupPairs(self.lighting.light[some], self.lighting.view[some])
-        return Scene(self.source, lighting, self.weights[some])
+        return Scene(self.source, lighting, self.weights[some], self.sampler)
 
     def estimate(
         self, uv: NDArray[np.float64], lod: float, samples: int, rngs: Sequence[np.random.Generator]
@@ -73,9 +76,16 @@ class Scene:
         return estimate(self.source, Pixels(uv, lod), self.lighting, samples, rngs)
 
     def shown(self, each: Candidate, uv: NDArray[np.float64], lod: float) -> Radiance:
-        """One trilinear lookup of a candidate at each of (B, P, 2) uv, shaded once."""
-        texels = looked_up(each.levels, uv.reshape(-1, 2), lod, self.source.wrap)
-        return shade(each.method.model, texels.reshape(*uv.shape[:2], -1), self.lighting.light, self.lighting.view)
+        """What a candidate shows at each of (B, P, 2) uv: one trilinear lookup, shaded once; of every frame."""
+        height, width = self.source.stored.shape[:2]
+        pixel = 2**lod / np.array([width, height])
+
+        def frame(shift: tuple[float, float]) -> Radiance:
+            here = (uv + shift * pixel if any(shift) else uv).reshape(-1, 2)
+            texels = looked_up(each.levels, here, lod + self.sampler.bias, self.source.wrap).reshape(*uv.shape[:2], -1)
+            return shade(each.method.model, texels, self.lighting.light, self.lighting.view)
+
+        return over_frames(self.sampler, frame)
 
     def weighed(self, sums: Sums) -> Sums:
         """(B, K, M) sums of pairs, as they add up for their sets."""
@@ -95,7 +105,7 @@ class Draws(NamedTuple):
         return np.stack([random_points(rng, self.points) for rng in self.rngs])
 
 
-def whole_scene(source: FilteredSource, seed: int) -> Scene:
+def whole_scene(source: FilteredSource, seed: int, sampler: Sampler) -> Scene:
     """All pairs, in BLOCKS blocks."""
     sets = [weighted_pair_set(name, seed, source.stored, source.model) for name in PAIR_SETS]
     light, view = (
@@ -103,7 +113,7 @@ def whole_scene(source: FilteredSource, seed: int) -> Scene:
         for name in ("light", "view")
     )
     weights = np.concatenate([pairs.weights.reshape(BLOCKS, BLOCK) for pairs in sets], 1)
-    return Scene(source, GroupPairs(light, view), weights)
+    return Scene(source, GroupPairs(light, view), weights, sampler)
 
 
 def a_block(points: int) -> int:

@@ -11,6 +11,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake.aim import SAMPLERS
 from mipbake.compare.candidates import Candidate
 from mipbake.compare.filming import FilmSettings, films_of, taken
 from mipbake.compare.pictures import RenderSettings
@@ -125,7 +126,7 @@ def _filmed(scene: str, sampler: str) -> Arrays:
     ]
     (shown,) = (each for each in films_of(size, lamps(), 4, None, "camera", 24) if each.name == scene)
     short = dataclasses.replace(shown.film, cameras=shown.film.cameras[:2], lightings=shown.film.lightings[:2])
-    settings = FilmSettings(RenderSettings(0, 16, sampler))
+    settings = FilmSettings(RenderSettings(0, 16, SAMPLERS[sampler]))
     take = taken(dataclasses.replace(shown, film=short), level, candidates, settings)
     frames = (take.shown.mean, *map(take.shown.displayed, take.frames.values()))
     return [np.asarray(each, np.float32) for each in frames]

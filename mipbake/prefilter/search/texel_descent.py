@@ -330,6 +330,14 @@ def _per_level(gains: NDArray[np.float64], region: Region, lods: Sequence[float]
     return np.array([gains[each].mean() for each in near])
 
 
+def _some(uv: NDArray[np.float64], thinned: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    """One in so many of (P, 2) pixels, at random, in their order; no fewer than a round has at least."""
+    if thinned == 1:
+        return uv
+    count = max(min(len(uv), _LEAST_PIXELS), len(uv) // thinned)
+    return np.asarray(uv[np.sort(rng.permutation(len(uv))[:count])])
+
+
 def _draw(
     descent: Descent,
     crops: dict[int, Crop],
@@ -344,7 +352,7 @@ def _draw(
     free = {i for i, crop in crops.items() if crop.free}
     out, pictures = list[tuple[Chunk, Image]](), list[PictureChunk]()
     for level in region.levels:
-        uv = crops[level].pixels(_LEAST_PIXELS, rng)
+        uv = _some(crops[level].pixels(_LEAST_PIXELS, rng), problem.thinned, rng)
         if level < _OWN_PAIRS:
             chunks = own_pairs(problem, descent.lobes, level, uv, effort.pairs, turn, rng)
         else:

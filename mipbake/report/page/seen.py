@@ -89,7 +89,7 @@ def alone_sentence(comparison: Comparison) -> str:
 
 def spoken(film: str) -> str:
     """`the floor`: what a sentence calls the film with the view `film-floor`."""
-    return f"the {film.removeprefix('film-')}"
+    return f"the {film.removeprefix('film-').replace('-', ' ')}"
 
 
 def _judged(comparison: Comparison) -> tuple[list[str], str | None]:
