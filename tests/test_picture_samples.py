@@ -83,6 +83,8 @@ def test_slopes_are_half_the_derivatives_of_what_is_minimised(sampler: Sampler) 
     chunks, texels = chunks_of(problem(sampler))
     rng = np.random.default_rng(1)
     along = [rng.normal(size=each.shape).astype(np.float32) for each in texels]
+    for each in along:
+        each[..., 5:] = 0  # where normals turn away from viewers, radiance has kinks
     step = 2e-4
     ahead, back = (
         value(chunks, [each + turn * step * way for each, way in zip(texels, along, strict=True)]) for turn in (1, -1)
