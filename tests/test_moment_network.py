@@ -312,7 +312,8 @@ def test_the_rows_of_two_features_are_those_of_the_two_samplers() -> None:
     kinds = Sampler(), Sampler(16), Sampler(4, frames=8)
     assert [features(each)[:2] for each in kinds] == [(1, 0), (0, 1), (0.5, 0.5)]
     assert [width_of(2, each) for each in kinds[:2]] == [0.8, 1.0]
-    assert width_of(2, Sampler(16, -1.0)) == 2 and width_of(2, Sampler(frames=8)) < 0.8
+    assert width_of(2, Sampler(16, -1.0)) == pytest.approx(2**0.5)
+    assert width_of(2, Sampler(16, -1.0, 8)) == width_of(2, Sampler(frames=8)) == 0.8
     assert width_of(0, Sampler(bias=-1.0)) == 1
     for wrong in (FEATURES[:1], FEATURES[:3], ("anisotropic", "trilinear")):
         with pytest.raises(UsageError, match=r"network\.samplers must be"):
