@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 import mipbake
+from mipbake.aim import SAMPLERS
 from mipbake.cli.session import Session
 from mipbake.cli.tables import table
 from mipbake.presets import PRESETS, Preset
@@ -22,6 +23,7 @@ def presets(
     rows = table("preset", "for", "target", "sampler", "formats", "packing", "normals", "sides")
     for preset in PRESETS.values():
         rows.add_row(*_row(preset))
+    rows.columns[3].max_width = max(map(len, SAMPLERS)) + 2  # words of long names below each other
     rows.columns[4].min_width = max(len(output.format) for preset in PRESETS.values() for output in preset.outputs)
     documents = [preset.name for preset in PRESETS.values() if preset.documents]
     session.print(

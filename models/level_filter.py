@@ -14,9 +14,9 @@ Closed forms gain by it on real sets, most at the fine levels (figures in docs/r
 
 A trilinear lookup takes the level of a footprint's longer side. Seen at a slant, a pixel covers only a strip of what
 the texels of that level cover, and films of floors look too blurred. So networks that are told of the sampler filter
-the levels above 0 a little less widely for it (`width_of`). A MIP bias takes another level for the same pixel: its
-filter is as wide as the pixel, in units of the level's own texels. Frames are averaged over the points of a pixel that
-they show, which is a part of what the pixel filter does already.
+the levels above 0 a little less widely for it (`width_of`). A MIP bias takes another level for the same pixel, whose
+texels are narrower or wider than the pixel by the bias; half of that goes into the filter. Frames show points all over
+the pixel, whatever the bias, so the filter of a level has no part in that: it stays narrow.
 """
 
 from __future__ import annotations
@@ -36,10 +36,6 @@ number is a guess."""
 _TRILINEAR = 0.8
 """Width of the pixel filter above level 0 for trilinear lookups; a guess (docs/research.md)."""
 
-_FRAMES = math.sqrt(2 / 3)
-"""Width that the pixel filter keeps where frames are averaged: the points that they show have the variance of a box,
-1/12, which is a third of the Gaussian's. For the other filters it is a guess."""
-
 _NARROW, _WIDE = 0.5, 4.0
 """Ends of the width; guesses."""
 
@@ -50,16 +46,16 @@ FROM_TOP = 3
 def width_of(level: int, sampler: Sampler) -> float:
     """Width of the pixel filter of a level, in units of its own, for a network that is told of the sampler.
 
-    Between one lookup and the most it is interpolated by the logarithm of their number. None of it was tuned but
-    _TRILINEAR.
+    Between one lookup and the most it is interpolated by the logarithm of their number. With bias and with frames it is
+    a choice from a few widths by what `mipbake-2` shows on four generated sets, which no record holds.
     """
     if not level:
         return 1.0
+    if sampler.frames > 1:
+        return _TRILINEAR
     share = math.log2(sampler.lookups) / math.log2(LOOKUPS[-1])
     width = _TRILINEAR + (1 - _TRILINEAR) * share
-    if sampler.frames > 1:
-        width *= _FRAMES
-    return min(max(width * 2**-sampler.bias, _NARROW), _WIDE)
+    return float(min(max(width * 2 ** (-sampler.bias / 2), _NARROW), _WIDE))
 
 
 def sharpening(level: int) -> float:

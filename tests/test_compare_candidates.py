@@ -102,7 +102,7 @@ def test_levels_in_files_measure_like_levels_in_memory(tmp_path: Path) -> None:
 def test_stacks_are_made_for_a_sampler_by_methods_that_take_one() -> None:
     names = ["neural", "linear (box)"]
     with bake_all(noisy(), "gltf", "gaussian", names, sampler=ANISOTROPIC) as candidates:
-        assert [each.method.sampler for each in candidates] == ["anisotropic", None]
+        assert [each.method.sampler for each in candidates] == [ANISOTROPIC, None]
 
 
 def test_an_aim_and_a_device_that_nothing_takes_are_refused() -> None:

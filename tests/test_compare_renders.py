@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from mipbake import shading
+from mipbake.aim import ANISOTROPIC, TRILINEAR
 from mipbake.compare import pictures
 from mipbake.compare.candidates import Candidate
 from mipbake.compare.pictures import SHIFT, RenderedView, RenderSettings, render_view
@@ -242,7 +243,7 @@ def test_anisotropic_lookups_keep_more_of_the_plane() -> None:
     view = views()["plane"]
     plain, sharp = (
         render_view(view, filtered(stored, "gaussian"), candidates, RenderSettings(0, 64, sampler))
-        for sampler in ("trilinear", "anisotropic")
+        for sampler in (TRILINEAR, ANISOTROPIC)
     )
     assert (plain.rendered.images["lean (gaussian)"] != sharp.rendered.images["lean (gaussian)"]).any()
     assert values(sharp, "lean (gaussian)")["snr"] > values(plain, "lean (gaussian)")["snr"]
@@ -250,7 +251,7 @@ def test_anisotropic_lookups_keep_more_of_the_plane() -> None:
         temporal_slice(
             filtered(stored, "gaussian"), candidates, LIGHTS, RenderSettings(0, sampler=sampler), (16, 4), 8
         ).plot
-        for sampler in ("trilinear", "anisotropic")
+        for sampler in (TRILINEAR, ANISOTROPIC)
     )
     assert (steady.images["lean (gaussian)"] != turning.images["lean (gaussian)"]).any()
     assert (steady.reference == turning.reference).all()

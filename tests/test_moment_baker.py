@@ -103,11 +103,11 @@ SCRIPT = """
 import sys
 import numpy as np
 sys.modules["torch"] = None  # importing it fails
-from mipbake import _native
+from mipbake import Sampler, _native
 from mipbake.models.level_filter import Lookup
 from mipbake.models.registry import find_weights, load_baker
 stored = np.load(sys.argv[1])
-levels = load_baker(find_weights("mipbake-2")).levels(stored, Lookup("gaussian", "trilinear"), ("wrap", "clamp"))
+levels = load_baker(find_weights("mipbake-2")).levels(stored, Lookup("gaussian", Sampler()), ("wrap", "clamp"))
 np.savez(sys.argv[2], *levels)
 print(_native.isa())
 """
@@ -128,7 +128,7 @@ def test_every_instruction_set_bakes_alike_and_without_torch(isa: str, tmp_path:
     if run.stdout.strip() != isa:
         pytest.skip(f"this processor or build has no {isa}")
     (info,) = (info for info in RELEASED if info.name == "mipbake-2")
-    here = bake_levels(load_network(info), stored, Lookup("gaussian", "trilinear"), ("wrap", "clamp"))
+    here = bake_levels(load_network(info), stored, Lookup("gaussian", Sampler()), ("wrap", "clamp"))
     with np.load(tmp_path / "levels.npz") as found:
         difference = off("gltf", [found[name] for name in found.files], here)
     assert difference.max() < 3e-3
@@ -138,9 +138,9 @@ def test_every_instruction_set_bakes_alike_and_without_torch(isa: str, tmp_path:
 def test_a_source_in_another_model_is_converted() -> None:
     (info,) = (info for info in RELEASED if info.name == "mipbake-1-ggx")
     stored = bumpy(12, 20)
-    ours = load_baker(info).bake(stored, "gltf", "ggx", "gaussian", TORUS, lambda _: None, "trilinear")
+    ours = load_baker(info).bake(stored, "gltf", "ggx", "gaussian", TORUS, lambda _: None, Sampler())
     theirs = load_baker(info).bake(
-        convert(stored, "gltf", "ggx"), "ggx", "ggx", "gaussian", TORUS, lambda _: None, "trilinear"
+        convert(stored, "gltf", "ggx"), "ggx", "ggx", "gaussian", TORUS, lambda _: None, Sampler()
     )
     for level, other in zip(ours, theirs, strict=True):
         np.testing.assert_array_equal(level, other)

@@ -61,9 +61,10 @@ def test_plain_averages_have_their_own_error_and_a_loss_near_one(sampler: Sample
     levels = tensors(plain_levels(PATCHES, "gltf"))
     torch.testing.assert_close(pictures.errors(levels, "gltf").clamp(min=0), pictures.plain)
     # Four times as much, where nothing is gained: being behind counts three times in addition.
-    assert 1 < float(pictures.value(levels, "gltf")) <= 6  # estimates are noisy
-    ahead = replace(pictures, plain=2 * pictures.plain)
-    assert float(ahead.value(levels, "gltf")) < 1
+    value = float(pictures.value(levels, "gltf"))
+    assert 1 < value <= 7  # estimates are noisy
+    ahead = replace(pictures, plain=4 * pictures.plain)
+    assert float(ahead.value(levels, "gltf")) < value / 4
 
 
 @pytest.mark.parametrize("sampler", KINDS)
