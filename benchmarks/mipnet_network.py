@@ -40,7 +40,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from mipbake import material
-from mipbake.aim import DEFAULT_SAMPLER
+from mipbake.aim import DEFAULT_SAMPLER, Sampler
 from mipbake.errors import UsageError
 from mipbake.material import MAX_LOG_ALPHA2, MIN_ROUGHNESS, Kind, model_named
 from mipbake.models.architecture import Architecture
@@ -152,7 +152,7 @@ class MipnetNetwork(Network):
         stored: Tensor,
         source: str = "gltf",  # noqa: ARG002
         pixel_filter: str = "gaussian",  # noqa: ARG002
-        sampler: str = DEFAULT_SAMPLER,  # noqa: ARG002
+        sampler: Sampler = DEFAULT_SAMPLER,  # noqa: ARG002
     ) -> Stacks:
         """(B, H, W, C) stored channels of the model that is read to every level of the target, the first the source's.
 
@@ -200,7 +200,7 @@ class MipnetNetwork(Network):
         pixel_filter: str = "box",
         wrap: Wrap = ("wrap", "wrap"),  # noqa: ARG002
         progress: Callable[[float], None] = lambda _: None,
-        sampler: str = DEFAULT_SAMPLER,  # noqa: ARG002
+        sampler: Sampler = DEFAULT_SAMPLER,  # noqa: ARG002
     ) -> list[NDArray[np.float32]]:
         """See Network. Pixel filter and wrap modes change nothing, and sides must be powers of two."""
         if target != self.target:

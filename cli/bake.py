@@ -10,7 +10,7 @@ from typing import Annotated, Optional
 import typer
 
 import mipbake
-from mipbake.aim import BAKED_SAMPLERS, DEFAULT_AIM, DEFAULT_SAMPLER
+from mipbake.aim import DEFAULT_AIM, DEFAULT_SAMPLER, SAMPLERS
 from mipbake.bake import AUTO_TARGET, DEFAULT_FILTER, DEFAULT_METHOD, TARGETS
 from mipbake.baking import BakeOptions, NotBaked, bake_sources
 from mipbake.cli import options
@@ -149,11 +149,16 @@ def bake(
     sampler: Annotated[
         Optional[str],  # noqa: UP045
         typer.Option(
-            metavar=one_of(BAKED_SAMPLERS),
+            metavar=one_of(SAMPLERS),
             help="How the engine looks the stack up where a pixel covers more of it in one direction than in another, "
-            f"for {some_of('sampler')}: once, or with anisotropic filtering.",
+            f"for {some_of('sampler')}: once; with 16x anisotropic filtering ('anisotropic 4x' for 4x); or once in "
+            "each of the frames that it accumulates ('accumulated, anisotropic' for both).",
             show_default=f"as the preset chooses, else {DEFAULT_SAMPLER}",
         ),
+    ] = None,
+    lod_bias: Annotated[
+        Optional[float],  # noqa: UP045
+        options.lod_bias("as the preset chooses with the sampler, else 0"),
     ] = None,
     aim: Annotated[
         Optional[float],  # noqa: UP045
@@ -201,6 +206,7 @@ def bake(
         weights=weights,
         budget=budget,
         sampler=sampler,
+        lod_bias=lod_bias,
         aim=aim,
         device=device,
         sidecar=sidecar,

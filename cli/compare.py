@@ -37,7 +37,7 @@ from mipbake.prefilter import METHODS
 from mipbake.render.cache import default_folder
 from mipbake.render.environment import ENVIRONMENTS, lighting_named
 from mipbake.render.mesh_file import read_mesh
-from mipbake.render.samplers import SAMPLERS, sampler_named
+from mipbake.render.samplers import RENDER_SAMPLERS, render_sampler
 from mipbake.report.page import check_report, write_report
 from mipbake.report.page.verdict import verdict
 from mipbake.report.page.writing import PAGE
@@ -129,21 +129,22 @@ def compare(
     sampler: Annotated[
         str,
         typer.Option(
-            metavar=one_of(SAMPLERS),
-            help="How renders and films look stacks up: between texels and levels; with 16x anisotropic filtering; or "
-            f"a texel drawn at random, as renderers do that filter what is shaded. Stacks of {some_of('sampler')} are "
-            "made for it, or for trilinear where it is stochastic.",
+            metavar=one_of(RENDER_SAMPLERS),
+            help="How stacks are looked up: between texels and levels; with 16x anisotropic filtering ('anisotropic "
+            "4x' for 4x); once in each of the frames that an engine accumulates; or a texel drawn at random, as "
+            f"renderers do that filter what is shaded. Stacks of {some_of('sampler')} are made for it, or for "
+            "trilinear where it is stochastic.",
         ),
-    ] = SAMPLERS[0],
+    ] = RENDER_SAMPLERS[0],
+    lod_bias: Annotated[
+        Optional[float],  # noqa: UP045
+        options.lod_bias("0"),
+    ] = None,
     films: Annotated[
         bool,
         typer.Option("--films/--no-films", help="Film a floor, a wall and a sphere, or the mesh, and judge the films."),
     ] = True,
     motion: Annotated[str, typer.Option(metavar=one_of(MOTIONS), help="What moves in films.")] = MOTIONS[0],
-    accumulate: Annotated[
-        bool,
-        typer.Option("--accumulate", help="Accumulate films over frames, as engines with temporal anti-aliasing do."),
-    ] = False,
     keep_renders: Annotated[
         bool,
         typer.Option(
@@ -185,12 +186,11 @@ def compare(
     settings = Settings(
         lighting=lighting_named(light),
         mesh=read_mesh(mesh) if mesh else None,
-        sampler=sampler_named(sampler),
+        sampler=render_sampler(sampler, lod_bias),
         side=size,
         max_passes=passes,
         films=films,
         motion=motion_named(motion),
-        accumulate=accumulate,
         points=points,
         samples=samples,
         seed=seed,

@@ -12,6 +12,7 @@ from typing import Annotated, Any, Optional, TypeAlias, get_type_hints
 import typer
 
 from mipbake._allocator import keep_freed_memory
+from mipbake.aim import MOST_BIAS
 from mipbake.cli.session import Session
 from mipbake.device import PROCESSOR
 from mipbake.errors import UsageError
@@ -33,6 +34,16 @@ _MOST = 10**18
 def one_of(names: Iterable[str]) -> str:
     """Names as a placeholder for help texts: a|b|c. The library checks what is passed and lists them again."""
     return "|".join(names)
+
+
+def lod_bias(show_default: str) -> Any:
+    """The option for the MIP bias of a sampler."""
+    return typer.Option(
+        metavar=f"-{MOST_BIAS:g}..{MOST_BIAS:g}",
+        help="MIP bias of the sampler, added to the level of detail: engines that accumulate frames or upscale have a "
+        "negative one.",
+        show_default=show_default,
+    )
 
 
 # typer evaluates annotations when a command is called, and needs Optional to do so on Python 3.10.

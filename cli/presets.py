@@ -41,7 +41,7 @@ def _row(preset: Preset) -> tuple[str, ...]:
         preset.name,
         preset.engine,
         preset.target,
-        preset.sampler,
+        str(preset.sampler),
         formats,
         first.packing,
         normals,

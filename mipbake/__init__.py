@@ -15,6 +15,7 @@ __path__ = pkgutil.extend_path(__path__, __name__)
 from mipbake._version import __version__ as __version__
 
 if TYPE_CHECKING:
+    from mipbake.aim import Sampler
     from mipbake.bake import bake
     from mipbake.baking import BakedDocument, BakedSet, BakeOptions, Listener, bake_all
     from mipbake.batch import BatchListener, BatchOptions, bake_library, watch_library
@@ -41,6 +42,7 @@ __all__ = [
     "MipbakeError",
     "OutputError",
     "RendererError",
+    "Sampler",
     "TextureSet",
     "UsageError",
     "Validation",
@@ -58,6 +60,7 @@ __all__ = [
 ]
 
 _MODULES = {
+    "aim": ("Sampler",),
     "bake": ("bake",),
     "baking": ("BakedDocument", "BakedSet", "BakeOptions", "Listener", "bake_all"),
     "batch": ("BatchListener", "BatchOptions", "bake_library", "watch_library"),

@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from mipbake._version import __version__
+from mipbake.aim import Sampler
 from mipbake.content import Provenance, not_finite
 from mipbake.errors import UsageError
 from mipbake.io.layout import channels_of
@@ -64,7 +65,7 @@ def bake(
     progress: PhaseProgress = lambda _phase, _share: None,
     weights: str | None = None,
     budget: str | None = None,
-    sampler: str | None = None,
+    sampler: Sampler | str | None = None,
     aim: float | None = None,
     device: str | None = None,
     checkpoint: str | Path | None = None,
@@ -84,8 +85,8 @@ def bake(
             the SNR they have reached.
         weights: trained weights by name, for methods that use some; None for the default ones.
         budget: time for methods that optimise: `30s`, `2m`, `1h`, or `best`; None for the default of the method.
-        sampler: a name in `mipbake.aim.BAKED_SAMPLERS`, for the sampler of the engine that will look the stack up; None
-            for the default one.
+        sampler: of the engine that will look the stack up: a `mipbake.Sampler`, or what one is called, such as
+            "anisotropic 4x" or "accumulated, bias -1"; None for the default one, "trilinear".
         aim: from 0, SNR under single lights, to 1, what people see in moving pictures; None for the default one.
         device: where a network runs: `cpu`, or `cuda` or `cuda:1` for a graphics card, which needs torch; None for
             `cpu`. Levels of different devices differ by rounding. All but the network runs on the processor.
@@ -128,7 +129,7 @@ def bake_in_sitting(
     progress: PhaseProgress,
     weights: str | None,
     budget: str | None,
-    sampler: str | None,
+    sampler: Sampler | str | None,
     aim: float | None,
     device: str | None,
     sitting: Sitting,

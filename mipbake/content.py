@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.aim import BakedSampler, baked_sampler, checked_aim
+from mipbake.aim import Sampler, checked_aim
 from mipbake.errors import UsageError
 from mipbake.io.layout import LAYOUTS, MapLayout, extra_layout
 from mipbake.io.map_files import Levels, row_blocks
@@ -47,7 +47,7 @@ class Provenance:
         recipe: see `Recipe`; empty for stacks that were not baked from files.
 
     Raises:
-        UsageError: stacks are made for no such sampler or aim.
+        UsageError: stacks are made for no such aim.
     """
 
     method: str
@@ -55,7 +55,7 @@ class Provenance:
     weights: str | None = None
     weights_sha256: str | None = None
     budget: str | None = None
-    sampler: BakedSampler | None = None
+    sampler: Sampler | None = None
     aim: float | None = None
     tool_version: str = ""
     sources: Mapping[str, str] = field(default_factory=dict)
@@ -68,8 +68,6 @@ class Provenance:
 
     def __post_init__(self) -> None:
         """Checks what may come from files."""
-        if self.sampler is not None:
-            baked_sampler(self.sampler)
         if self.aim is not None:
             checked_aim(self.aim)
 
@@ -119,7 +117,7 @@ class Content:
                 "method": made.method,
                 "pixel_filter": made.pixel_filter,
                 "weights": made.weights,
-                "sampler": made.sampler,
+                "sampler": None if made.sampler is None else asdict(made.sampler),
                 "aim": made.aim,
                 "source_hash": made.source_hash,
                 "version": made.tool_version,

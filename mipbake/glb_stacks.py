@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake._srgb import srgb_to_linear
+from mipbake.aim import sampler_from
 from mipbake.content import Provenance
 from mipbake.errors import InputError, UsageError
 from mipbake.io import ktx2
@@ -189,12 +190,12 @@ class _Reader:
                 method=str(about["method"]),
                 pixel_filter=str(about["pixel_filter"]),
                 weights=about.get("weights"),
-                sampler=about.get("sampler"),
+                sampler=None if about.get("sampler") is None else sampler_from(about["sampler"]),
                 aim=about.get("aim"),
                 tool_version=str(about.get("version", "")),
                 source_hash=str(about.get("source_hash", "")),
             )
-        except (KeyError, TypeError, UsageError) as error:
+        except (KeyError, TypeError, ValueError, UsageError) as error:
             raise InputError(
                 f"{self.made.path} does not say how its textures were made ({error}): bake it again"
             ) from error

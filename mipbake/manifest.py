@@ -7,6 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from mipbake.aim import DEFAULT_SAMPLER, LOOKUPS, Sampler
 from mipbake.content import Content
 from mipbake.errors import InputError, OutputError
 from mipbake.io import disk
@@ -27,8 +28,6 @@ from mipbake.material import MODELS
 from mipbake.output import Output
 
 SCHEMA_VERSION = 2
-
-_FILTER = {None: "trilinearly", "trilinear": "trilinearly", "anisotropic": "trilinearly and anisotropically"}
 
 
 def check_output(path: str | Path, sources: Mapping[str, str] | None = None) -> None:
@@ -149,6 +148,18 @@ def best_output(manifest: Mapping[str, Any]) -> Mapping[str, Any]:
     return min(outputs, key=rank)
 
 
+def _sampling(sampler: Sampler) -> str:
+    """How a stack is looked up, in words."""
+    most = f", with at most {sampler.lookups} lookups" if 1 < sampler.lookups < LOOKUPS[-1] else ""
+    how = "trilinearly" + (f" and anisotropically{most}" if sampler.lookups > 1 else "")
+    bias = f"a MIP bias of {sampler.bias:g}" if sampler.bias else "no MIP bias"
+    frames = f"; average {sampler.frames} frames that show other points of the pixel" if sampler.frames > 1 else ""
+    return (
+        f"filter {how} in the stored channels (colours decoded to linear first), renormalise vectors, shade once per "
+        f"pixel{frames}; do not filter or sharpen the levels again, and use {bias}"
+    )
+
+
 def manifest_of(stack: Content, plans: Sequence[tuple[Output, Sequence[MapFile]]]) -> dict[str, Any]:
     """Everything a reader must know to sample the maps."""
     height, width = stack.size
@@ -165,9 +176,7 @@ def manifest_of(stack: Content, plans: Sequence[tuple[Output, Sequence[MapFile]]
         "conventions": {
             **CONVENTIONS,
             "levels": "level L measures max(1, width >> L) x max(1, height >> L)",
-            "sampling": f"filter {_FILTER[stack.provenance.sampler]} in the stored channels (colours decoded to linear "
-            "first), renormalise vectors, shade once per pixel; do not filter or sharpen the levels again, and use no "
-            "MIP bias",
+            "sampling": _sampling(stack.provenance.sampler or DEFAULT_SAMPLER),
         },
         "provenance": {
             **asdict(stack.provenance),

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from mipbake.aim import DEFAULT_SAMPLER, BakedSampler
+from mipbake.aim import ANISOTROPIC, DEFAULT_SAMPLER, Sampler
 from mipbake.errors import UsageError
 from mipbake.io.containers import DEFAULT_FORMAT, FORMATS
 from mipbake.io.options import NORMAL_CONVENTIONS
@@ -44,7 +44,8 @@ class Preset:
         sides: what the sides of a texture must be: "", "multiples of 4" or "powers of two".
         notes: what the user should do or know, in sentences.
         no_finer: why texels that are more precise than its outputs have are not advised; "": the engine takes some.
-        sampler: that the engine looks textures up with unless it is told otherwise.
+        sampler: that the engine looks textures up with unless it is told otherwise; its page in docs/engines says where
+            that comes from.
     """
 
     name: str
@@ -55,7 +56,7 @@ class Preset:
     sides: str = ""
     notes: tuple[str, ...] = field(default=())
     no_finer: str = ""
-    sampler: BakedSampler = DEFAULT_SAMPLER
+    sampler: Sampler = DEFAULT_SAMPLER
 
     @property
     def target(self) -> str:
@@ -74,7 +75,7 @@ class Preset:
             return []
         return [f"{self.engine} needs sides that are {self.sides}, this set is {width} x {height}: resize its maps"]
 
-    def check_sampler(self, made_for: BakedSampler | None) -> list[str]:
+    def check_sampler(self, made_for: Sampler | None) -> list[str]:
         """What is wrong with the sampler that a stack was made for, in sentences; None, for no one sampler, is fine."""
         if made_for in (None, self.sampler):
             return []
@@ -103,7 +104,7 @@ _ALL = (
         sides="multiples of 4",
         notes=("switch enableSpecularAntiAliasing off: its glTF loader switches it on",),
         no_finer="Babylon.js before August 2026 takes no other texels",
-        sampler="anisotropic",
+        sampler=Sampler(lookups=4),
     ),
     Preset(
         "filament",
@@ -121,7 +122,7 @@ _ALL = (
         sides="powers of two",
         notes=("keep Mip Gen Settings at Leave Existing Mips and Composite Texture Mode off",),
         no_finer="Unreal Engine is not known to take other texels",
-        sampler="anisotropic",
+        sampler=replace(ANISOTROPIC, bias=-0.3, frames=8),
     ),
     Preset(
         "unity",
@@ -130,7 +131,7 @@ _ALL = (
         sides="multiples of 4",
         notes=("set the filter mode to Trilinear; leave Geometric Specular AA off",),
         no_finer="Unity is not known to take other texels",
-        sampler="anisotropic",
+        sampler=ANISOTROPIC,
     ),
     Preset(
         "godot",
@@ -151,21 +152,21 @@ _ALL = (
         "Arnold",
         (Output("tx:half", SEPARATE, OPENGL, _SET_FILE),),
         notes=("switch auto-tx off; colours are linear Rec.709, convert them first where the scene is ACEScg",),
-        sampler="anisotropic",
+        sampler=ANISOTROPIC,
     ),
     Preset(
         "renderman",
         "RenderMan",
         (Output("exr:half", SEPARATE, OPENGL, _SET_FILE), Output("png:16", SEPARATE, OPENGL, _SET_FILE)),
         notes=("levels that txmake takes lie beside the EXR files as PNG files",),
-        sampler="anisotropic",
+        sampler=ANISOTROPIC,
     ),
     Preset(
         "blender",
         "Blender (Cycles)",
         (Output("exr:half", SEPARATE, OPENGL, _SET_FILE),),
         notes=("switch the texture cache on (5.2 and newer); older versions and EEVEE show level 0 alone",),
-        sampler="anisotropic",
+        sampler=ANISOTROPIC,
     ),
 )
 

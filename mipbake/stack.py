@@ -14,6 +14,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from mipbake.aim import sampler_from
 from mipbake.content import Content, Provenance
 from mipbake.errors import InputError, UsageError
 from mipbake.glb import Encoded, encoded, square
@@ -248,6 +249,7 @@ def _read_provenance(content: Mapping[str, Any]) -> Provenance:
         "warnings": tuple(content["warnings"]),
         "promise": promise_from(content.get("promise")),
         "adjustments": tuple(content.get("adjustments", ())),
+        "sampler": None if content.get("sampler") is None else sampler_from(content["sampler"]),
     }
     provenance = Provenance(**{**content, **read})
     filter_named(provenance.pixel_filter)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from mipbake.aim import DEFAULT_SAMPLER
 from mipbake.compare.candidates import BAKED, bake_all, label, mismatch, opened
 from mipbake.compare.texture_space import (
     DEFAULT_POINTS,
@@ -115,8 +116,9 @@ def validate(
     """Measures a stack, and the closed forms baked from the same set, against the reference.
 
     The reference renders level 0 of the source, every stored channel interpolated bilinearly, under the pixel filter
-    that the stack declares; candidates look their stack up once, trilinearly. All are compared at the same random
-    sub-texel offsets. The reference is estimated twice, independently, so that its noise biases no figure (snr_db).
+    that the stack declares; candidates are looked up by the sampler that the stack was made for. All are compared at
+    the same random sub-texel offsets. The reference is estimated twice, independently, so that its noise biases no
+    figure (snr_db).
 
     Args:
         texture_set: the source.
@@ -140,7 +142,14 @@ def validate(
         candidates = [opened(stack), *baked]
         effort = MeasureEffort(seed, points, samples)
         measured = measure(
-            texture_set, candidates, kernel, lods, (), effort, lambda _phase, share: progress("validate", share)
+            texture_set,
+            candidates,
+            kernel,
+            lods,
+            (),
+            effort,
+            lambda _phase, share: progress("validate", share),
+            made.sampler or DEFAULT_SAMPLER,
         )
     return Validation(
         name=texture_set.name,

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.aim import DEFAULT_SAMPLER
+from mipbake.aim import DEFAULT_SAMPLER, Sampler
 from mipbake.errors import UsageError
 from mipbake.material import MODELS, losses, model_named
 from mipbake.pixel_filter import Wrap
@@ -51,14 +51,14 @@ class Baker(ABC):
         pixel_filter: str,
         wrap: Wrap,
         progress: Callable[[float], None] = lambda _: None,
-        sampler: str = DEFAULT_SAMPLER,
+        sampler: Sampler = DEFAULT_SAMPLER,
     ) -> list[NDArray[np.float32]]:
         """Every level of the stack of (H, W, C) stored channels of a source, down to 1 x 1, as valid channels of the
         target; any size, without gradients.
 
         Args:
             progress: told the finished share, from 0 to 1.
-            sampler: that will look the levels up, for networks that tell samplers apart.
+            sampler: that will look the levels up, for networks that are told of it.
 
         Raises:
             UsageError: these weights do not make the target, do not take the source, or not for that pixel filter.

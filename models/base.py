@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from mipbake.aim import DEFAULT_SAMPLER
+from mipbake.aim import DEFAULT_SAMPLER, Sampler
 from mipbake.models.architecture import Architecture, Baker
 
 Stacks: TypeAlias = Mapping[str, list[Tensor]]
@@ -42,14 +42,14 @@ class Network(nn.Module, Baker):
         return next(self.parameters()).device
 
     @abstractmethod
-    def forward(self, stored: Tensor, source: str, pixel_filter: str, sampler: str = DEFAULT_SAMPLER) -> Stacks:
+    def forward(self, stored: Tensor, source: str, pixel_filter: str, sampler: Sampler = DEFAULT_SAMPLER) -> Stacks:
         """Every level of the stacks of every model that is made; differentiable in the parameters.
 
         Args:
             stored: (B, S, S, C) stored channels of images that repeat, S a power of two.
             source: the model of the images, one of the encoders'.
-            pixel_filter: that the levels are for. sampler: that will look them up, for networks that tell samplers
-                apart.
+            pixel_filter: that the levels are for. sampler: that will look them up, for networks that are told
+                of it.
 
         Returns:
             (B, S_L, S_L, C) valid stored channels each, down to 1 x 1.

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import _native, directions, material, memory
-from mipbake.aim import DEFAULT_SAMPLER
+from mipbake.aim import DEFAULT_SAMPLER, Sampler
 from mipbake.material import model_named
 from mipbake.models import native
 from mipbake.models.architecture import Baker
@@ -53,9 +53,9 @@ class LatentBaker(Baker):
         pixel_filter: str,
         wrap: Wrap,
         progress: Callable[[float], None] = lambda _: None,
-        sampler: str = DEFAULT_SAMPLER,  # noqa: ARG002
+        sampler: Sampler = DEFAULT_SAMPLER,  # noqa: ARG002
     ) -> list[NDArray[np.float32]]:
-        """See Baker. Latent networks tell no samplers apart."""
+        """See Baker. Latent networks are not told of the sampler."""
         checked_filter(self.config, self.pixel_filters, source, pixel_filter)
         read, made = self.config.read_as(source), self.config.made_from(target)
         levels = self.levels(material.convert(stored, source, read), read, made, wrap, progress)

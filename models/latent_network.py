@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
-from mipbake.aim import DEFAULT_SAMPLER
+from mipbake.aim import DEFAULT_SAMPLER, Sampler
 from mipbake.errors import UsageError
 from mipbake.material import convert
 from mipbake.models.base import Network, Patches, Stacks
@@ -247,9 +247,9 @@ class LatentNetwork(Network):
         stored: Tensor,
         source: str,
         pixel_filter: str,  # noqa: ARG002
-        sampler: str = DEFAULT_SAMPLER,  # noqa: ARG002
+        sampler: Sampler = DEFAULT_SAMPLER,  # noqa: ARG002
     ) -> Stacks:
-        """See Network. The pixel filter is the one that the network is trained for; it tells no samplers apart."""
+        """See Network. The pixel filter is the one that the network is trained for; it is not told of the sampler."""
         return self.stacks(stored, _PERIODIC, source)
 
     def stacks(self, stored: Tensor, wrap: Wrap, source: str) -> dict[str, list[Tensor]]:
@@ -276,7 +276,7 @@ class LatentNetwork(Network):
         pixel_filter: str,
         wrap: Wrap,
         progress: Callable[[float], None] = lambda _: None,
-        sampler: str = DEFAULT_SAMPLER,  # noqa: ARG002
+        sampler: Sampler = DEFAULT_SAMPLER,  # noqa: ARG002
     ) -> list[NDArray[np.float32]]:
         """See Baker.
 

@@ -13,14 +13,18 @@ its longer side, is narrower still across. So every level is a little sharper th
 Closed forms gain by it on real sets, most at the fine levels (figures in docs/research.md); on white noise they lose.
 
 A trilinear lookup takes the level of a footprint's longer side. Seen at a slant, a pixel covers only a strip of what
-the texels of that level cover, and films of floors look too blurred. So networks that tell samplers apart filter the
-levels above 0 a little less widely for it (`width_of`).
+the texels of that level cover, and films of floors look too blurred. So networks that are told of the sampler filter
+the levels above 0 a little less widely for it (`width_of`). A MIP bias takes another level for the same pixel: its
+filter is as wide as the pixel, in units of the level's own texels. Frames are averaged over the points of a pixel that
+they show, which is a part of what the pixel filter does already.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
+from mipbake.aim import LOOKUPS, Sampler
 from mipbake.errors import UsageError
 from mipbake.models.architecture import Architecture
 from mipbake.pixel_filter import filter_named
@@ -32,13 +36,30 @@ number is a guess."""
 _TRILINEAR = 0.8
 """Width of the pixel filter above level 0 for trilinear lookups; a guess (docs/research.md)."""
 
+_FRAMES = math.sqrt(2 / 3)
+"""Width that the pixel filter keeps where frames are averaged: the points that they show have the variance of a box,
+1/12, which is a third of the Gaussian's. For the other filters it is a guess."""
+
+_NARROW, _WIDE = 0.5, 4.0
+"""Ends of the width; guesses."""
+
 FROM_TOP = 3
 """Levels that are filtered from level 0 itself; each coarser one from box averages so many levels finer than it is."""
 
 
-def width_of(level: int, sampler: str) -> float:
-    """Width of the pixel filter of a level, in units of its own, for a network that tells samplers apart."""
-    return _TRILINEAR if level and sampler == "trilinear" else 1.0
+def width_of(level: int, sampler: Sampler) -> float:
+    """Width of the pixel filter of a level, in units of its own, for a network that is told of the sampler.
+
+    Between one lookup and the most it is interpolated by the logarithm of their number. None of it was tuned but
+    _TRILINEAR.
+    """
+    if not level:
+        return 1.0
+    share = math.log2(sampler.lookups) / math.log2(LOOKUPS[-1])
+    width = _TRILINEAR + (1 - _TRILINEAR) * share
+    if sampler.frames > 1:
+        width *= _FRAMES
+    return min(max(width * 2**-sampler.bias, _NARROW), _WIDE)
 
 
 def sharpening(level: int) -> float:
@@ -51,11 +72,11 @@ class Lookup:
     """What levels are made for.
 
     Args:
-        kernel: name of the pixel filter. sampler: that will look the levels up; None where it is not told apart.
+        kernel: name of the pixel filter. sampler: that will look the levels up; None where the network is not told.
     """
 
     kernel: str
-    sampler: str | None = None
+    sampler: Sampler | None = None
 
     def width(self, level: int) -> float:
         """Width of the pixel filter of a level."""

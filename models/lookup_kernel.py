@@ -9,6 +9,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from mipbake.aim import Sampler
 from mipbake.models.level_filter import sharpening, width_of
 from mipbake.pixel_filter import level_sizes, resample_weights
 
@@ -38,13 +39,13 @@ def axis_matrix(n_in: int, n_out: int, pixel_filter: str, wrap: str, width: floa
     return matrix
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=256)
 def periodic_matrices(
-    size: int, pixel_filter: str, sharp: bool = True, sampler: str | None = None
+    size: int, pixel_filter: str, sharp: bool = True, sampler: Sampler | None = None
 ) -> tuple[Tensor, ...]:
     """(size_L, size) of every level of a square image that repeats: pixel filter and, if `sharp`, sharpening in one.
 
-    `sampler`: that will look the levels up; None where samplers are not told apart.
+    `sampler`: that will look the levels up; None where the network is not told of it.
     """
     out = []
     for level, (side, _) in enumerate(level_sizes(size, size)):
@@ -58,14 +59,18 @@ def periodic_matrices(
     return tuple(out)
 
 
-@lru_cache(maxsize=64)
-def _there(size: int, pixel_filter: str, sharp: bool, sampler: str | None, device: torch.device) -> tuple[Tensor, ...]:
+@lru_cache(maxsize=256)
+def _there(
+    size: int, pixel_filter: str, sharp: bool, sampler: Sampler | None, device: torch.device
+) -> tuple[Tensor, ...]:
     """`periodic_matrices` on a device."""
     with torch.inference_mode(False):
         return tuple(each.to(device) for each in periodic_matrices(size, pixel_filter, sharp, sampler))
 
 
-def periodic_levels(image: Tensor, pixel_filter: str, sharp: bool = True, sampler: str | None = None) -> list[Tensor]:
+def periodic_levels(
+    image: Tensor, pixel_filter: str, sharp: bool = True, sampler: Sampler | None = None
+) -> list[Tensor]:
     """(B, S, S, C) images that repeat to (B, S_L^2, C) of every level; linear, differentiable."""
     batch, size, _, channels = image.shape
     matrices = [each.to(image) for each in _there(size, pixel_filter, sharp, sampler, image.device)]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import _native, directions, material, memory
-from mipbake.aim import DEFAULT_SAMPLER
+from mipbake.aim import DEFAULT_SAMPLER, Sampler
 from mipbake.material import MaterialModel, model_named
 from mipbake.models import native
 from mipbake.models.architecture import Baker
@@ -54,7 +54,7 @@ class MomentBaker(Baker):
         pixel_filter: str,
         wrap: Wrap,
         progress: Callable[[float], None] = lambda _: None,
-        sampler: str = DEFAULT_SAMPLER,
+        sampler: Sampler = DEFAULT_SAMPLER,
     ) -> list[NDArray[np.float32]]:
         """See Baker."""
         lookup = Lookup(
@@ -137,7 +137,7 @@ class MomentBaker(Baker):
         encoder = [self._layer(f"encoder.{i}") for i in range(config.convolutions + config.pointwise)]
         decoder = [(np.ascontiguousarray(np.delete(weight, self._code, 1)), bias) for weight, bias in self._decoder]
         if config.samplers and self.tensors["told"].shape[0] != len(config.samplers):
-            raise ValueError("as many samplers as the architecture tells apart were expected")
+            raise ValueError("as many features of samplers as the architecture is told were expected")
         return native.network("moments", self._read, made, None, encoder, self._layer("project"), decoder)
 
     def _layer(self, name: str) -> Layer:
@@ -155,7 +155,7 @@ class MomentBaker(Baker):
         sums = [bias + weight[:, self._code] @ code for weight, bias in self._decoder]
         out = np.concatenate(sums)
         if lookup.sampler is not None:
-            told = self.tensors["told"][self.config.samplers.index(lookup.sampler)]
+            told = np.array(self.config.features(lookup.sampler), np.float32) @ self.tensors["told"]
             out[: len(told)] += told
         return np.ascontiguousarray(out, np.float32)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.aim import BAKED_SAMPLERS, baked_sampler
+from mipbake.aim import LOOKUPS, Sampler
 from mipbake.errors import UsageError
 from mipbake.material import MODELS, Kind, MaterialModel, losses, model_named
 from mipbake.models.architecture import PAPER, Architecture, Baker, Description, check_counts, layers
@@ -29,6 +30,17 @@ def _known(model: MaterialModel) -> bool:
     return (len(model.of(Kind.REFLECTANCE)), len(model.of(Kind.SHARE))) in ((1, 1), (2, 0))
 
 
+FEATURES = ("trilinear", "anisotropic", "bias", "accumulated")
+"""What a network may be told of a sampler: how near it is to one lookup, and to the most, which sum to 1; its MIP bias;
+and 1 where it averages frames, else 0."""
+
+
+def features(sampler: Sampler) -> tuple[float, ...]:
+    """The numbers that FEATURES are of a sampler."""
+    share = math.log2(sampler.lookups) / math.log2(LOOKUPS[-1])
+    return 1 - share, share, sampler.bias, float(sampler.frames > 1)
+
+
 MADE = tuple(name for name, model in MODELS.items() if _known(model))
 """The material models that can be made."""
 
@@ -45,7 +57,7 @@ class MomentConfig(Architecture):
         pointwise: dense 1 x 1 layers of the encoder.
         growth: new maps a layer of the encoder.
         decoder_layers: dense 1 x 1 layers. decoder_growth: new maps of each.
-        samplers: that the network tells apart, each with what the decoder adds for it; none: one stack serves all.
+        samplers: what the network is told of the sampler, the first of FEATURES; none: one stack serves all.
 
     The network of `mipbake-1` has the defaults, which are guesses.
     """
@@ -65,13 +77,19 @@ class MomentConfig(Architecture):
     def __post_init__(self) -> None:
         if len(self.decoders) != 1 or self.decoders[0] not in MADE:
             raise UsageError(f"network.decoders must be one of {', '.join(MADE)} here, got {self.decoders!r}")
-        if self.samplers not in ((), BAKED_SAMPLERS):
-            raise UsageError(f"network.samplers must be {list(BAKED_SAMPLERS)} or [], got {list(self.samplers)!r}")
+        if self.samplers not in (FEATURES[:count] for count in (0, 2, 4)):
+            raise UsageError(
+                f"network.samplers must be {list(FEATURES)}, the first two of them or [], got {list(self.samplers)!r}"
+            )
         check_counts(self)
 
-    def told(self, sampler: str) -> str | None:
-        """The sampler, where it is told apart; else None."""
-        return baked_sampler(sampler) if self.samplers else None
+    def told(self, sampler: Sampler) -> Sampler | None:
+        """The sampler, where the network is told of it; else None."""
+        return sampler if self.samplers else None
+
+    def features(self, sampler: Sampler) -> tuple[float, ...]:
+        """What the network is told of a sampler."""
+        return features(sampler)[: len(self.samplers)]
 
     @property
     def encoders(self) -> tuple[str, ...]:

@@ -13,8 +13,8 @@ network differs from theirs in five ways.
 - The decoder also chooses how sharp a level is: it adds more or less of what sharpening added.
 - Colours of diffuse light stay averages, right from every direction; colours of highlights may change.
 
-A network may tell samplers apart: for each, the decoder adds numbers of its own to what its layers sum up, which is
-what one more input that says which sampler it is would do.
+A network may be told of the sampler: for each feature of it (`moment_config.FEATURES`), the decoder adds so many times
+numbers of its own to what its layers sum up, which is what one more input would do.
 
 Encoder and decoder are dense blocks (Huang et al. 2017); the encoder's first layers see 3 x 3 texels, the rest one.
 """
@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
-from mipbake.aim import DEFAULT_SAMPLER
+from mipbake.aim import DEFAULT_SAMPLER, Sampler
 from mipbake.material import Kind, MaterialModel, model_named
 from mipbake.models import surface
 from mipbake.models.base import Network, Stacks
@@ -129,20 +129,22 @@ class MomentNetwork(Network):
         """How many numbers each part of the decoder sums up: its layers, the output and `crisp`."""
         return [*[self.config.decoder_growth] * self.config.decoder_layers, self.output.out_features, CRISP]
 
-    def _added(self, sampler: str | None) -> list[Tensor | float]:
+    def _added(self, sampler: Sampler | None) -> list[Tensor | float]:
         """What is added to the sums of each part of the decoder."""
         if sampler is None:
             return [0.0] * len(self._sums)
-        return list(torch.split(self.told[self.config.samplers.index(sampler)], self._sums))
+        # Of Python's numbers: a recorded step copies nothing from the processor.
+        rows = [share * row for share, row in zip(self.config.features(sampler), self.told, strict=True) if share]
+        return list(torch.split(torch.stack(rows).sum(0) if len(rows) > 1 else rows[0], self._sums))
 
-    def decode(self, latent: Tensor, level: Tensor, pixel_filter: str, sampler: str | None = None) -> Tensor:
+    def decode(self, latent: Tensor, level: Tensor, pixel_filter: str, sampler: Sampler | None = None) -> Tensor:
         """(..., Z + detail) filtered latents to (..., C) stored channels, valid as they are; differentiable.
 
         Args:
             latent: filtered and sharpened, and what sharpening did (with_detail).
             level: float index of the level of each texel, (..., 1) or what broadcasts to it.
             pixel_filter: that the latents were filtered with.
-            sampler: that will look the texels up; None for a network that tells none apart.
+            sampler: that will look the texels up; None for a network that is not told of it.
         """
         *told, told_output, told_crisp = self._added(sampler)
         count, width = moment_count(self.read), self.detail
@@ -170,7 +172,7 @@ class MomentNetwork(Network):
             texels = {**texels, **stretched(found, texels[Kind.ROUGHNESS], out, lobes, self.made)}
         return torch.cat([texels[part.kind] for part in self.made.parts], -1)
 
-    def forward(self, stored: Tensor, source: str, pixel_filter: str, sampler: str = DEFAULT_SAMPLER) -> Stacks:  # noqa: ARG002
+    def forward(self, stored: Tensor, source: str, pixel_filter: str, sampler: Sampler = DEFAULT_SAMPLER) -> Stacks:  # noqa: ARG002
         """See Network. The source is the model that is read."""
         told = self.config.told(sampler)
         latents, index = self._latents(stored, pixel_filter, told)
@@ -178,7 +180,7 @@ class MomentNetwork(Network):
         (made,) = self.config.decoders
         return {made: agreeing(levels, made, ("wrap", "wrap"))}
 
-    def _latents(self, stored: Tensor, pixel_filter: str, sampler: str | None) -> tuple[Tensor, Tensor]:
+    def _latents(self, stored: Tensor, pixel_filter: str, sampler: Sampler | None) -> tuple[Tensor, Tensor]:
         """(B, N, Z) filtered latents of all levels one after the other, and (N, 1) the level of each."""
         halo = self.halo
         maps = functional.pad(stored.permute(0, 3, 1, 2), (halo, halo, halo, halo), mode="circular")
@@ -198,7 +200,7 @@ class MomentNetwork(Network):
         pixel_filter: str,
         wrap: Wrap,
         progress: Callable[[float], None] = lambda _: None,
-        sampler: str = DEFAULT_SAMPLER,
+        sampler: Sampler = DEFAULT_SAMPLER,
     ) -> list[NDArray[np.float32]]:
         """See Baker."""
         from mipbake.models.level_filter import Lookup

@@ -23,13 +23,14 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from mipbake.aim import BAKED_SAMPLERS, DEFAULT_SAMPLER
+from mipbake.aim import ANISOTROPIC, DEFAULT_SAMPLER, FRAMES, LOOKUPS, TRILINEAR, Sampler
 from mipbake.models.base import Network
 from mipbake.pixel_filter import FILTERS, filter_named, slanted_axes
 from mipbake.reference.estimate import estimate
 from mipbake.reference.lighting import GroupPairs
 from mipbake.reference.samples import Pixels
 from mipbake.reference.source import FilteredSource
+from mipbake.render.samplers import frames_at
 from mipbake.sampling import texture
 from mipbake.shading.ops import shade
 from mipbake.training.balanced_pairs import Pairs, draw_pairs
@@ -65,8 +66,18 @@ class Band:
     groups: int
 
 
+_BIASES = 0.0, -0.3, -0.5, -1.0, -1.58
+"""MIP biases of engines that accumulate frames or upscale."""
+
 BANDS = (Band(-0.7, 1.5, 2, 32, 2, 3), Band(1.5, 3.0, 1, 16, 8, 2), Band(3.0, 5.5, 2, 8, 32, 1))
 """The bands for patches of 32 x 32 texels; other patches have as many levels of detail between their ends."""
+
+
+OTHER_SAMPLERS = (
+    *(Sampler(lookups) for lookups in LOOKUPS[1:-1]),
+    *(Sampler(lookups, bias, FRAMES[-1]) for lookups in LOOKUPS[:: len(LOOKUPS) - 1] for bias in _BIASES),
+)
+"""Samplers of engines beside TRILINEAR and ANISOTROPIC: few lookups, and frames that are accumulated."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +85,7 @@ class Seen:
     """What a band sees: B patches, N pixels of S levels of detail.
 
     Args:
-        lod: (B, S N) levels of detail. uv: (B, S N, 2). lods: S.
+        lod: (B, S F N) levels of detail of lookups. uv: (B, S F N, 2) of each pixel in each of F frames. lods: S.
         noisy_reference, independent: (B, K, S N, 3), two of them.
     """
 
@@ -83,6 +94,7 @@ class Seen:
     lods: int
     noisy_reference: Tensor
     independent: Tensor
+    frames: int = 1
 
 
 @dataclass(frozen=True)
@@ -90,7 +102,7 @@ class BalancedBatch(Batch):
     """Of one step, beside the patches."""
 
     pixel_filter: str
-    sampler: str
+    sampler: Sampler
     pairs: Pairs
     seen: tuple[Seen, ...]
     pictures: tuple[SeenPictures, ...]
@@ -114,7 +126,8 @@ class BalancedLossConfig(Loss[BalancedBatch]):
             them.
         below: share of the levels of detail below 0 that are kept; the others become 0.
         pictures: of each patch in every band, as people see them (picture_loss.py). picture_weight: of their errors.
-        anisotropic: share of the steps whose pictures are looked up anisotropically.
+        anisotropic: share of the steps whose pictures are looked up anisotropically. other_samplers: share of the steps
+            with one of OTHER_SAMPLERS, for networks that are told all features of the sampler.
 
     The defaults are guesses; docs/research.md says what some of them brought.
     """
@@ -142,6 +155,7 @@ class BalancedLossConfig(Loss[BalancedBatch]):
     pictures: int = 0
     picture_weight: float = 1.0
     anisotropic: float = 0.0
+    other_samplers: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("crops", "near_mirror", "hemisphere", "narrow_lobes", "wide_lobes", "room_lights"):
@@ -149,8 +163,10 @@ class BalancedLossConfig(Loss[BalancedBatch]):
         for name in ("rooms", "pictures", "picture_weight"):
             require(getattr(self, name) >= 0, f"loss.{name}", "at least 0", getattr(self, name))
         require_power_of_two("loss.crop_size", self.crop_size)
-        for name in ("grazing", "any_filter", "below", "anisotropic"):
+        for name in ("grazing", "any_filter", "below", "anisotropic", "other_samplers"):
             require_share(f"loss.{name}", getattr(self, name))
+        drawn = self.anisotropic + self.other_samplers
+        require(drawn <= 1, "loss.anisotropic and loss.other_samplers", "at most 1 together", drawn)
         require(self.grazing < 1, "loss.grazing", "below 1, or no pair is seen from above", self.grazing)
         for name in ("mirror_weight", "hemisphere_weight", "light_weight", "room_weight", "blur_weight", "mean_weight"):
             require(getattr(self, name) >= 0, f"loss.{name}", "at least 0", getattr(self, name))
@@ -189,15 +205,26 @@ class BalancedLossConfig(Loss[BalancedBatch]):
         pixel_filter = names[int(rng.integers(len(names)))] if any_filter else self.pixel_filter
         pairs = draw_pairs(patches, source, self, rng)
         sources = [FilteredSource(patch.numpy(), source, TORUS, pixel_filter) for patch in patches]
-        seen = tuple(_seen(sources, pairs, band, self, rng) for band in BANDS)
-        pictures, sampler = tuple[SeenPictures, ...](), DEFAULT_SAMPLER
+        # Single lights see no difference between TRILINEAR and ANISOTROPIC.
+        sampler = self._sampler(rng) if self.other_samplers else DEFAULT_SAMPLER
+        seen = tuple(_seen(sources, pairs, band, self, sampler, rng) for band in BANDS)
+        pictures = tuple[SeenPictures, ...]()
         if self.pictures:
-            sampler = BAKED_SAMPLERS[int(rng.random() < self.anisotropic)]
+            sampler = sampler if self.other_samplers else self._sampler(rng)
             bands = [band for band in BANDS for _ in range(self.pictures)]
             pictures = tuple(
-                draw_pictures(sources, _lods(band, (len(sources),), self, rng), sampler, rng) for band in bands
+                draw_pictures(sources, _lods(band, (len(sources),), self, sampler, rng), sampler, rng) for band in bands
             )
         return BalancedBatch(source, patches, pixel_filter, sampler, pairs, seen, pictures)
+
+    def _sampler(self, rng: np.random.Generator) -> Sampler:
+        """What looks up in a step."""
+        place = rng.random()
+        if place < self.anisotropic:
+            return ANISOTROPIC
+        if place < self.anisotropic + self.other_samplers:
+            return OTHER_SAMPLERS[int(rng.integers(len(OTHER_SAMPLERS)))]
+        return TRILINEAR
 
     def value(self, network: Network, batch: BalancedBatch) -> Tensor:
         """See Loss; about 1 for each of its parts."""
@@ -217,25 +244,37 @@ class BalancedLossConfig(Loss[BalancedBatch]):
 
 
 def _seen(
-    sources: Sequence[FilteredSource], pairs: Pairs, band: Band, config: BalancedLossConfig, rng: np.random.Generator
+    sources: Sequence[FilteredSource],
+    pairs: Pairs,
+    band: Band,
+    config: BalancedLossConfig,
+    sampler: Sampler,
+    rng: np.random.Generator,
 ) -> Seen:
-    batch, side = len(sources), band.side
-    lod = _lods(band, (batch, band.lods), config, rng)
+    batch, side, frames = len(sources), band.side, sampler.frames
+    lod = _lods(band, (batch, band.lods), config, sampler, rng)
     row, column = np.divmod(np.arange(side * side, dtype=np.float32), side)
     uv = (np.stack([column, row], -1) + rng.random((batch, band.lods, side * side, 2), np.float32)) / side
-    where = torch.from_numpy(np.repeat(lod, side * side, 1)), torch.from_numpy(uv.reshape(batch, -1, 2))
+    covered, centres = np.repeat(lod - np.float32(sampler.bias), side * side, 1), uv.reshape(batch, -1, 2)
+    where = torch.from_numpy(covered), torch.from_numpy(centres)
     noisy_reference, independent = (
         torch.cat([_noisy_reference(sources, *where, band.samples, each, rng) for each in seen_groups(pairs, band)], 1)
         for _ in range(2)
     )
-    return Seen(*where, band.lods, noisy_reference, independent)
+    texels = sources[0].stored.shape[0]
+    axes = np.exp2(covered)[..., None, None] * np.eye(2, dtype=np.float32) / texels
+    lookups = torch.from_numpy(frames_at(centres, axes, frames).astype(np.float32, copy=False))
+    at = torch.from_numpy(np.repeat(lod, side * side * frames, 1))
+    return Seen(at, lookups, band.lods, noisy_reference, independent, frames)
 
 
 def _lods(
-    band: Band, shape: tuple[int, ...], config: BalancedLossConfig, rng: np.random.Generator
+    band: Band, shape: tuple[int, ...], config: BalancedLossConfig, sampler: Sampler, rng: np.random.Generator
 ) -> NDArray[np.float32]:
-    """Levels of detail of a band; below 0 pixels are smaller than texels."""
-    lod = rng.uniform(band.low, band.high, shape).clip(None, config.max_lod)
+    """Levels of detail of a band's lookups; below 0 pixels look level 0 up that are smaller than texels, or that a
+    negative bias brings there."""
+    low = band.low + (min(sampler.bias, 0) if band.low < 0 else 0)
+    lod = rng.uniform(low, band.high, shape).clip(None, config.max_lod)
     return np.where(rng.random(shape) < config.below, lod, lod.clip(0)).astype(np.float32)
 
 
@@ -283,7 +322,10 @@ def rendered(levels: list[Tensor], seen: Seen, light: Tensor, view: Tensor, mode
     """(B, K, S N, 3) renders of a stack of a model, looked up and shaded once a pixel."""
     uv, lod = seen.uv[:, None], seen.lod.clamp(min=0)[:, None]
     texels = texture(levels[0], uv, None, lod, levels[1:], boundary_mode=TORUS).flatten(1, 2)
-    return shade(model, texels, light, view)
+    radiance = shade(model, texels, light, view)
+    if seen.frames == 1:
+        return radiance
+    return radiance.reshape(*radiance.shape[:2], -1, seen.frames, 3).mean(3)
 
 
 def _band_loss(

@@ -23,6 +23,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from mipbake.aim import Sampler
 from mipbake.material import regularise
 from mipbake.metrics.images import tonemapped
 from mipbake.metrics.visible import COSINES, OPPONENT, SENSITIVITY, SIDE, WEIGHT, adaptation, bands
@@ -49,11 +50,12 @@ class SeenPictures:
     """Pictures of B patches at one band of levels of detail, one of each patch.
 
     Args:
-        uv: (B, T SIDE^2, 2) of T lookups of each pixel. lod: (B, T SIDE^2). share: (B, 1, T, 1) of each lookup.
+        uv: (B, T F SIDE^2, 2) of T lookups of each pixel in each of F frames. lod: (B, T F SIDE^2).
+        share: (B, 1, T, 1) of each lookup in its frame.
         light, view: (B, L, 3). power: (B, L, 1, 3) irradiance times the exposure.
         adapted: (B, 1, 1, 1) light that eyes are adapted to.
         first, second: (B, 3, SIDE, SIDE) bands of two estimates of what is right.
-        plain: (B,) visible errors of plain averages.
+        plain: (B,) visible errors of plain averages. frames: F.
     """
 
     uv: Tensor
@@ -66,6 +68,7 @@ class SeenPictures:
     first: Tensor
     second: Tensor
     plain: Tensor
+    frames: int
 
     def value(self, levels: Sequence[Tensor], model: str) -> Tensor:
         """The loss of the stacks of the patches, about 1 where they are as good as plain averages."""
@@ -86,8 +89,10 @@ class SeenPictures:
     def _bands(self, levels: Sequence[Tensor], model: str) -> Tensor:
         batch, taps = len(self.uv), self.share.shape[2]
         found = texture(levels[0], self.uv[:, None], None, self.lod[:, None], list(levels[1:]), boundary_mode=TORUS)
-        texels = (found.reshape(batch, SIDE * SIDE, taps, -1) * self.share).sum(2)
+        texels = (found.reshape(batch, SIDE * SIDE * self.frames, taps, -1) * self.share).sum(2)
         radiance = (shade(model, texels, self.light, self.view) * self.power).sum(1)
+        if self.frames > 1:
+            radiance = radiance.reshape(batch, SIDE * SIDE, self.frames, 3).mean(2)
         light = (radiance / (1 + radiance)).reshape(batch, SIDE, SIDE, 3)
         return _bands(light / self.adapted)
 
@@ -95,32 +100,35 @@ class SeenPictures:
 def draw_pictures(
     sources: Sequence[FilteredSource],
     lod: NDArray[np.floating],
-    sampler: str,
+    sampler: Sampler,
     rng: np.random.Generator,
 ) -> SeenPictures:
-    """A picture of each of B patches, at (B,) levels of detail; kinds of slants take turns, and so do rooms."""
+    """A picture of each of B patches, at (B,) levels of detail of lookups; kinds of slants take turns, and so do rooms.
+
+    Lookups below level 0 are at level 0, of pixels that are no smaller than its texels.
+    """
     count, size, turn = len(sources), sources[0].stored.shape[:2], int(rng.integers(len(SLANTS)))
     slants = np.array([rng.uniform(*SLANTS[(turn + index) % len(SLANTS)]) for index in range(count)])
     rooms = [_room(_ROOMS[index]) for index in rng.permutation(len(_ROOMS))]
-    finest = np.maximum(lod, 0)
+    finest = np.maximum(lod, min(sampler.bias, 0))
     pictures = draw_small_pictures(rng, finest, slants, (size[1], size[0]), sampler, rooms, rng.random((count, 2)))
     estimates = [np.empty((count, SIDE * SIDE, 3), np.float32) for _ in range(2)]
     for index, source in enumerate(sources):
-        samples = min(int(_SAMPLES[0] * _SAMPLES[1] ** max(0.0, float(lod[index]))), _MOST_SAMPLES)
+        samples = min(int(_SAMPLES[0] * _SAMPLES[1] ** max(0.0, float(lod[index] - sampler.bias))), _MOST_SAMPLES)
         for each in estimates:
             each[index] = pictures.part(np.array([index])).reference(source, samples, rng)[0]
     exposure = exposures((estimates[0] + estimates[1]) / np.float32(2))
     first, second = (tonemapped(each * exposure).reshape(-1, SIDE, SIDE, 3) for each in estimates)
     adapted = adaptation((first + second) / np.float32(2))
     taps = int(pictures.lookups.max())
-    uv = np.zeros((count, SIDE * SIDE, taps, 2), np.float32)
+    uv = np.zeros((count, pictures.points, taps, 2), np.float32)
     share = np.zeros((count, 1, taps, 1), np.float32)
     for index, own in enumerate(pictures.lookups.tolist()):
         uv[index, :, :own] = pictures.looked_up_at(slice(index, index + 1), own)[0]
         share[index, 0, :own] = 1 / own
     found = SeenPictures(
         torch.from_numpy(uv.reshape(count, -1, 2)),
-        torch.from_numpy(np.repeat(finest.astype(np.float32)[:, None], SIDE * SIDE * taps, 1)),
+        torch.from_numpy(np.repeat(np.maximum(finest, 0).astype(np.float32)[:, None], pictures.points * taps, 1)),
         torch.from_numpy(share),
         torch.from_numpy(pictures.light),
         torch.from_numpy(pictures.view),
@@ -129,6 +137,7 @@ def draw_pictures(
         torch.from_numpy(bands(first / adapted)),
         torch.from_numpy(bands(second / adapted)),
         torch.zeros(count),
+        pictures.frames,
     )
     model = sources[0].model
     plain = [torch.from_numpy(each) for each in plain_levels(np.stack([s.stored for s in sources]), model)]

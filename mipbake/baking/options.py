@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from mipbake.adjust import Adjustments
+from mipbake.aim import Sampler, sampler_of
 from mipbake.bake import AUTO_TARGET, DEFAULT_FILTER, DEFAULT_METHOD, TARGETS
 from mipbake.errors import UsageError
 from mipbake.io.uastc import check_encoder
@@ -28,6 +29,7 @@ class BakeOptions:
         method, pixel_filter, weights, budget, aim, device: as `mipbake.bake` takes them.
         target: a material model, or "auto"; None: what the preset chooses, else "auto".
         sampler: as `mipbake.bake` takes it; None: what the preset chooses, for methods that take one.
+        lod_bias: MIP bias of the sampler; None: what the sampler has.
         preset: a name in `mipbake.presets.PRESETS`: an engine, which chooses what is None here.
         format: formats separated by commas, each with texels where they are not the default: "exr,ktx2:uastc,glb".
             None: a GLB for glTF sources, "exr" for others. `ktx2` and `dds` without texels get the smallest that cost
@@ -52,19 +54,22 @@ class BakeOptions:
     min_roughness: float = 0.0
     weights: str | None = None
     budget: str | None = None
-    sampler: str | None = None
+    sampler: Sampler | str | None = None
+    lod_bias: float | None = None
     aim: float | None = None
     device: str | None = None
     sidecar: str | None = None
 
     def asked(self) -> Asked:
         """What that means for every source. UsageError for what no source can be baked with."""
-        method_named(self.method, self.weights, self.budget, self.sampler, self.aim, self.device)
-        filter_named(self.pixel_filter)
         preset = preset_named(self.preset) if self.preset else None
-        sampler = self.sampler
-        if sampler is None and preset and self.method in OPTIONS["sampler"]:
-            sampler = preset.sampler  # methods that take none are not asked for what nobody asked for
+        sampler = sampler_of(self.sampler)
+        # Methods that take none are not asked for what nobody asked for.
+        if sampler is None and preset and (self.method in OPTIONS["sampler"] or self.lod_bias is not None):
+            sampler = preset.sampler
+        sampler = sampler_of(sampler, self.lod_bias)
+        method_named(self.method, self.weights, self.budget, sampler, self.aim, self.device)
+        filter_named(self.pixel_filter)
         target = self.target
         if target is None:
             target = preset.target if preset else AUTO_TARGET
@@ -89,7 +94,14 @@ class BakeOptions:
         if glb or any(output.container.texels == GLB_TEXELS[0] for output in outputs):
             check_encoder()
         return Asked(
-            replace(self, target=target, sampler=sampler), target, preset, outputs, glb, documents, adjustments, finer
+            replace(self, target=target, sampler=sampler, lod_bias=None),
+            target,
+            preset,
+            outputs,
+            glb,
+            documents,
+            adjustments,
+            finer,
         )
 
 

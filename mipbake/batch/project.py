@@ -44,7 +44,7 @@ OPTIONS = (*_BAKE, *_READ, *_WRAP, _MAP)
 _ABOUT = {"library": str, "out": str, "jobs": int, "memory": str}
 _TYPES: Mapping[str, tuple[type, ...]] = {
     **{option: (str,) for option in OPTIONS},
-    **dict.fromkeys(("strength", "min-roughness", "aim", "alpha-cutoff"), (int, float)),
+    **dict.fromkeys(("strength", "min-roughness", "aim", "alpha-cutoff", "lod-bias"), (int, float)),
     **dict.fromkeys(("keep-level0", "gloss"), (bool,)),
     "max-level": (int,),
     _MAP: (dict,),

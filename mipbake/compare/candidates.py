@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.aim import BakedSampler, checked_aim
+from mipbake.aim import Sampler, checked_aim
 from mipbake.bake import DEFAULT_METHOD
 from mipbake.compare.result import Method
 from mipbake.device import checked_device
@@ -132,7 +132,7 @@ def bake_all(
     progress: PhaseProgress = lambda _phase, _share: None,
     memory_limit: int = MEMORY_LIMIT,
     folder: Path | None = None,
-    sampler: BakedSampler | None = None,
+    sampler: Sampler | None = None,
     aim: float | None = None,
     device: str | None = None,
 ) -> Iterator[list[Candidate]]:
@@ -194,7 +194,7 @@ def check_asked(methods: Iterable[str], aim: float | None, device: str | None) -
             )
 
 
-def _conditioned(method: str, sampler: BakedSampler | None, aim: float | None, device: str | None) -> Prefilter:
+def _conditioned(method: str, sampler: Sampler | None, aim: float | None, device: str | None) -> Prefilter:
     """The method with what it takes of a sampler, an aim and a device."""
     return method_named(
         method,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Sequence
 
 from mipbake.compare.candidates import BAKED
@@ -10,7 +11,7 @@ from mipbake.compare.film_figures import missing_judge
 from mipbake.compare.filming import RESOLVED_SHARE
 from mipbake.compare.result import Filmed, FilmedScene, Method, Scene
 from mipbake.material import losses, model_named
-from mipbake.render.samplers import Sampler, baked_for
+from mipbake.render.samplers import RenderSampler, baked_for
 
 
 def limits(source: str, target: str, opened_one: bool) -> tuple[str, ...]:
@@ -44,11 +45,11 @@ def limits(source: str, target: str, opened_one: bool) -> tuple[str, ...]:
     return tuple(said)
 
 
-def made_for_others(methods: Sequence[Method], sampler: Sampler) -> tuple[str, ...]:
-    """A sentence for every stack that was made for another sampler than renders and films looked stacks up with."""
+def made_for_others(methods: Sequence[Method], sampler: RenderSampler) -> tuple[str, ...]:
+    """A sentence for every stack that was made for another sampler than stacks were looked up with."""
     return tuple(
-        f"{each.name} was made for {each.sampler} lookups, and renders and films look stacks up with the sampler "
-        f"{sampler}: with --sampler {each.sampler} they show {each.name} as it was meant."
+        f"{each.name} was made for the sampler {each.sampler}, and stacks were looked up with the sampler {sampler}: "
+        f"with --sampler {shlex.quote(str(each.sampler))} the comparison shows {each.name} as it was meant."
         for each in methods
         if each.sampler not in (None, baked_for(sampler))
     )

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from mipbake._extras import check_extra
+from mipbake.aim import DEFAULT_SAMPLER, Sampler
 from mipbake.bake import AUTO_TARGET, DEFAULT_FILTER, resolve_target
 from mipbake.compare import plots, texture_space
 from mipbake.compare.candidates import Candidate, bake_all, check_asked, chosen, default_names, mismatch, opened
@@ -46,7 +47,7 @@ from mipbake.render import environment
 from mipbake.render.environment import Lighting
 from mipbake.render.mesh import Mesh
 from mipbake.render.render_file import write_render
-from mipbake.render.samplers import Sampler, baked_for
+from mipbake.render.samplers import RenderSampler, baked_for
 from mipbake.stack import MipStack
 from mipbake.texture_set import TextureSet
 from mipbake.timings import Timings
@@ -69,14 +70,13 @@ class Settings:
     Args:
         lighting: of renders and films; None for the studio.
         mesh: what is rendered and filmed, in place of spheres, planes and walls.
-        sampler: how stacks are looked up in renders and films.
+        sampler: how stacks are looked up.
         side: of a square render, in pixels; the plane is 7/4 as wide. Films are no higher than it, nor than
             `mipbake.compare.films.RESOLUTION`.
         max_passes: most samples for each pixel in the reference of a render; of a film no more than
             `mipbake.compare.filming.MOST_PASSES`.
         films: whether films are made and judged.
         motion: what moves in films.
-        accumulate: whether films are accumulated over frames, as most engines do.
         points, samples: pixels per level of detail in texture space, and samples of a pixel in each estimate there.
         seed: seed of everything that is drawn.
         cache: folder where references of renders and films are kept for the next comparison; None for nowhere.
@@ -87,12 +87,11 @@ class Settings:
 
     lighting: Lighting | None = None
     mesh: Mesh | None = None
-    sampler: Sampler = "trilinear"
+    sampler: RenderSampler = DEFAULT_SAMPLER
     side: int = SPHERE_RESOLUTION[0]
     max_passes: int = MAX_PASSES
     films: bool = True
     motion: Motion = MOTIONS[0]
-    accumulate: bool = False
     points: int = DEFAULT_POINTS
     samples: int = DEFAULT_SAMPLES
     seed: int = DEFAULT_SEED
@@ -105,16 +104,15 @@ class Settings:
                 raise UsageError(
                     f"{_SPOKEN.get(name, name)} of the comparison is {getattr(self, name)}: expected {low} or more"
                 )
-        if not self.films and (self.accumulate or self.motion != MOTIONS[0]):
-            raise UsageError(
-                "the comparison has no films, and accumulation and motion are for films: leave them out, or make films"
-            )
+        if not self.films and self.motion != MOTIONS[0]:
+            raise UsageError("the comparison has no films, and motion is for films: leave it out, or make films")
         if self.max_passes % 2:
             raise UsageError(f"{_SPOKEN['max_passes']} of the comparison is {self.max_passes}: expected an even number")
 
     def to_dict(self) -> dict[str, Any]:
         """Plain types; lighting and mesh by name, without the cache, a place on this machine."""
-        named = {"lighting": self.lights.name, "mesh": self.mesh.name if self.mesh else None}
+        sampler = dataclasses.asdict(self.sampler) if isinstance(self.sampler, Sampler) else self.sampler
+        named = {"lighting": self.lights.name, "mesh": self.mesh.name if self.mesh else None, "sampler": sampler}
         fields = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name not in (*named, "cache")}
         return named | fields
 
@@ -245,8 +243,10 @@ def _compared(
     clock: Timings,
 ) -> Comparison:
     subject = candidates[0].method
-    effort = MeasureEffort(settings.seed, settings.points, settings.samples)
-    measured = texture_space.measure(texture_set, candidates, pixel_filter, effort=effort, progress=clock)
+    effort, made_for = MeasureEffort(settings.seed, settings.points, settings.samples), baked_for(settings.sampler)
+    measured = texture_space.measure(
+        texture_set, candidates, pixel_filter, effort=effort, progress=clock, sampler=made_for
+    )
     clock("texture space", 1.0)
     comparison = Comparison(
         name=texture_set.name,
@@ -283,7 +283,7 @@ def _compared(
             pictures.append(plots.half_pixel_shift(made.change))
     filmed: list[Filmed] = []
     for scene in films:
-        told = FilmSettings(looks, settings.motion, settings.accumulate)
+        told = FilmSettings(looks, settings.motion)
         shown, measured_film = film(scene, source, candidates, told, partial(clock, film_view(scene.name)))
         clock(film_view(scene.name), 1.0)
         filmed.append(shown)

@@ -12,6 +12,7 @@ from typing import TypeAlias, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake.aim import DEFAULT_SAMPLER
 from mipbake.compare.candidates import Candidate, opened
 from mipbake.compare.costs import LIMIT, Cost, Coverage
 from mipbake.compare.file_levels import stored_channels, written_levels
@@ -210,7 +211,7 @@ class Decoded(Sequence[NDArray[np.float32]]):
     def __init__(self, file: MapFile, container: Container, stack: MipStack, ranges: Ranges) -> None:
         self._file, self._stack, self._ranges = file, stack, ranges
         self._container = container
-        stored = ranges.stored(replace(file, container=container, levels=file.levels[: 1 + ceil(max(LODS))]))
+        stored = ranges.stored(replace(file, container=container, levels=file.levels[: _reached(stack)]))
         texels = quantised_levels(stored)
         self._texels = container.decoded(file.layout, texels)
 
@@ -231,6 +232,12 @@ class Decoded(Sequence[NDArray[np.float32]]):
         return stored_channels([self._ranges.shown(replace(self._file, levels=[level]))], stack)[0]
 
 
+def _reached(stack: MipStack) -> int:
+    """How many levels lookups at LODS read."""
+    sampler = stack.provenance.sampler or DEFAULT_SAMPLER
+    return 1 + max(0, ceil(max(LODS) + sampler.bias))
+
+
 def losses(
     texture_set: TextureSet,
     baked: Candidate,
@@ -248,7 +255,10 @@ def losses(
     others = [Candidate(replace(baked.method, name=name), levels) for name, levels in variants.items()]
     kernel = baked.method.kernel
     effort = MeasureEffort(_SEED, _POINTS, _SAMPLES, intervals=False)
-    measured = measure(texture_set, [baked, *others], kernel, LODS, (), effort, lambda _phase, share: progress(share))
+    sampler = baked.method.sampler or DEFAULT_SAMPLER
+    measured = measure(
+        texture_set, [baked, *others], kernel, LODS, (), effort, lambda _phase, share: progress(share), sampler
+    )
     snr: dict[tuple[str, str], list[float]] = {}
     for figure in measured.curve:
         snr.setdefault((figure.method, figure.view), []).append(figure.value)

@@ -20,7 +20,6 @@ from mipbake.compare.pictures import RenderSettings
 from mipbake.compare.result import Figure, Filmed, FilmedScene
 from mipbake.compare.scenes import median_lod
 from mipbake.reference.source import FilteredSource
-from mipbake.render.accumulation import film_accumulated
 from mipbake.render.environment import Lighting
 from mipbake.render.film import FilmSampling, Frames, film_candidate
 from mipbake.render.mesh import Mesh
@@ -47,12 +46,10 @@ class FilmSettings:
     Args:
         renders: how frames are rendered, as pictures are.
         motion: what moves.
-        accumulate: whether candidates are accumulated over frames (`mipbake.render.accumulation`).
     """
 
     renders: RenderSettings
     motion: Motion = "camera"
-    accumulate: bool = False
 
 
 def film_view(scene: str) -> str:
@@ -128,18 +125,16 @@ def taken(
     """Films a scene with every candidate, and its reference once for all; arguments as `film`."""
     looks = settings.renders
     frames: dict[str, Frames] = {}
-    make = film_accumulated if settings.accumulate else film_candidate
     for index, each in enumerate(candidates):
         levels, model = each.levels, each.method.model
-        frames[each.method.name] = make(scene.film, levels, model, source.wrap, looks.sampler, looks.seed)
+        frames[each.method.name] = film_candidate(scene.film, levels, model, source.wrap, looks.sampler, looks.seed)
         progress(0.4 * (index + 1) / len(candidates))
     shown, closest = _reference(scene, source, list(frames.values()), looks, lambda share: progress(0.4 + 0.6 * share))
     found = FilmedScene(
         name=film_view(scene.name),
         title=scene.title,
         motion=settings.motion,
-        sampler=looks.sampler,
-        accumulated=settings.accumulate,
+        sampler=str(looks.sampler),
         lod=_lod(scene, source, len(candidates[0].levels) - 1),
         resolution=scene.film.resolution,
         frames=len(scene.film.cameras),

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake.aim import DEFAULT_SAMPLER
 from mipbake.compare.candidates import Candidate
 from mipbake.compare.result import Figure, Image, Rendered, Scene
 from mipbake.compare.scenes import View, shifted
@@ -25,7 +26,7 @@ from mipbake.metrics.images import displayed
 from mipbake.reference.source import FilteredSource
 from mipbake.render import mesh_render
 from mipbake.render.mesh_render import Cache, Frame, Passes, Reference, Shot
-from mipbake.render.samplers import Sampler
+from mipbake.render.samplers import RenderSampler
 
 MAX_PASSES = 768
 """Most samples for each pixel of a reference, by default."""
@@ -73,7 +74,7 @@ class RenderSettings:
 
     seed: int = 0
     max_passes: int = MAX_PASSES
-    sampler: Sampler = "trilinear"
+    sampler: RenderSampler = DEFAULT_SAMPLER
     cache: Path | None = None
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.aim import BakedSampler
+from mipbake.aim import Sampler
 
 Image = NDArray[np.float32]
 """(H, W, 3) linear radiance, rows from the top."""
@@ -50,7 +50,7 @@ class Method:
     model: str
     seconds: float | None = None
     path: Path | None = None
-    sampler: BakedSampler | None = None
+    sampler: Sampler | None = None
     aim: float | None = None
 
 
@@ -137,8 +137,7 @@ class FilmedScene:
     Args:
         name: key, also of files, and the view of its figures: `film-floor`, `film-wall`, `film-sphere`, `film-mesh`.
         title: what a reader is shown.
-        motion: what moves, `camera` or `light`. sampler: how stacks were looked up. accumulated: whether candidates
-            were accumulated over frames.
+        motion: what moves, `camera` or `light`. sampler: how stacks were looked up.
         lod: median level of detail of the first frame's covered pixels.
         resolution: (height, width). frames: how many. frames_per_second: at which they are shown.
         lighting: its name. exposure: at which all frames are displayed.
@@ -151,7 +150,6 @@ class FilmedScene:
     title: str
     motion: str
     sampler: str
-    accumulated: bool
     lod: float
     resolution: tuple[int, int]
     frames: int

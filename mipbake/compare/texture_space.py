@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mipbake._threads import on_threads
+from mipbake.aim import DEFAULT_SAMPLER, Sampler
 from mipbake.compare.candidates import Candidate
 from mipbake.compare.result import SCALES, Figure
 from mipbake.compare.texture_sums import BLOCKS, Draws, Found, Scene, Sums, a_block, at_rest, blocks, in_motion
@@ -146,12 +147,14 @@ def measure(
     scales: Sequence[str] = tuple(SCALES),
     effort: MeasureEffort = MeasureEffort(),
     progress: PhaseProgress = lambda _phase, _share: None,
+    sampler: Sampler = DEFAULT_SAMPLER,
 ) -> TextureSpace:
     """Measures candidates against the pixel-filtered reference of their source, with 95 % intervals over pairs.
 
-    The reference renders level 0 of the source, every stored channel interpolated bilinearly; candidates look their
-    stack up once, trilinearly. It is estimated twice, independently, so that its noise biases neither the SNR nor
-    flicker. The tonemapped error takes the mean of both estimates, and counts its noise as error.
+    The reference renders level 0 of the source, every stored channel interpolated bilinearly; candidates are looked up
+    as the sampler looks up footprints that are round. The reference is estimated twice, independently, so that its
+    noise biases neither the SNR nor flicker. The tonemapped error takes the mean of both estimates, and counts its
+    noise as error.
 
     For flicker, pixels move by SHIFTS. Both estimates are drawn anew at every place, with no random number shared, so
     that noise in one estimate is not a change in the other estimate as well. Where the set has few pixels at a level of
@@ -166,6 +169,7 @@ def measure(
         scales: names in SCALES; none for the curve alone.
         effort: the random numbers, and how many.
         progress: told "texture space" and the finished share.
+        sampler: that looks the stacks up.
 
     Raises:
         UsageError: no lod or a negative one, fewer than one point or sample, an unknown pixel filter.
@@ -185,7 +189,7 @@ def measure(
     every_pair, own = blocks(seed), a_block(points)
     together = max(1, min(BLOCKS, _TOGETHER // own))
     parts = [slice(first, first + together) for first in range(0, BLOCKS, together)]
-    scenes = [Scene(source, GroupPairs(every_pair.light[part], every_pair.view[part])) for part in parts]
+    scenes = [Scene(source, GroupPairs(every_pair.light[part], every_pair.view[part]), sampler) for part in parts]
     texels = texture_set.width * texture_set.height
     drawn = {lod: effort.changes(texels / 4**lod, points, samples) for lod in shifted}
 

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake.aim import Sampler
 from mipbake.compare.candidates import Candidate
 from mipbake.metrics import PAIR_SETS, pair_set
 from mipbake.metrics.images import displayed
@@ -26,6 +27,7 @@ from mipbake.reference.lighting import GroupPairs
 from mipbake.reference.samples import Pixels
 from mipbake.reference.sequences import random_points
 from mipbake.reference.source import FilteredSource
+from mipbake.render.samplers import over_frames
 from mipbake.render.texture_space import looked_up
 from mipbake.shading import shade
 
@@ -51,10 +53,11 @@ Found = tuple[tuple[str, str, float], Sums]
 @dataclass(frozen=True, eq=False)
 class Scene:
     """The source under its pixel filter, and some blocks of light-view pairs: BLOCK of every set, one set after the
-    other."""
+    other; and the sampler that looks candidates up."""
 
     source: FilteredSource
     lighting: GroupPairs
+    sampler: Sampler
 
     def estimate(
         self, uv: NDArray[np.float64], lod: float, samples: int, rngs: Sequence[np.random.Generator]
@@ -62,9 +65,16 @@ class Scene:
         return estimate(self.source, Pixels(uv, lod), self.lighting, samples, rngs)
 
     def shown(self, each: Candidate, uv: NDArray[np.float64], lod: float) -> Radiance:
-        """One trilinear lookup of a candidate at each of (B, P, 2) uv, shaded once."""
-        texels = looked_up(each.levels, uv.reshape(-1, 2), lod, self.source.wrap)
-        return shade(each.method.model, texels.reshape(*uv.shape[:2], -1), self.lighting.light, self.lighting.view)
+        """What a candidate shows at each of (B, P, 2) uv: one trilinear lookup, shaded once; of every frame."""
+        height, width = self.source.stored.shape[:2]
+        pixel = 2**lod / np.array([width, height])
+
+        def frame(shift: tuple[float, float]) -> Radiance:
+            here = (uv + shift * pixel if any(shift) else uv).reshape(-1, 2)
+            texels = looked_up(each.levels, here, lod + self.sampler.bias, self.source.wrap).reshape(*uv.shape[:2], -1)
+            return shade(each.method.model, texels, self.lighting.light, self.lighting.view)
+
+        return over_frames(self.sampler, frame)
 
 
 class Draws(NamedTuple):

@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import sampling, shading
+from mipbake.aim import DEFAULT_SAMPLER
 from mipbake.pixel_filter import Wrap, filter_named
 from mipbake.reference.sequences import SEQUENCE
 from mipbake.reference.source import FilteredSource
 from mipbake.render.camera import Camera
 from mipbake.render.environment import Lighting
-from mipbake.render.samplers import Sampler, level_of_detail, look_up
+from mipbake.render.samplers import RenderSampler, level_of_detail, look_up, over_frames
 
 Array = NDArray[np.float64]
 
@@ -59,16 +60,18 @@ class Turning:
         levels: Sequence[NDArray[np.float32]],
         model: str,
         wrap: Wrap,
-        sampler: Sampler = "trilinear",
+        sampler: RenderSampler = DEFAULT_SAMPLER,
         rng: np.random.Generator | None = None,
     ) -> NDArray[np.float32]:
-        """(height, frames, 3) linear radiance: each pixel's centre, one lookup of the stack, shaded once.
-
-        The sampler looks the stack up as in `mipbake.render.mesh_render.candidate`.
+        """(height, frames, 3) linear radiance: what an unchanged engine shows, as
+        `mipbake.render.mesh_render.candidate` has it.
         """
-        uv, uv_da, view = self._see((0.0, 0.0))
-        texels = look_up(levels, uv, uv_da, wrap, sampler, rng)
-        return np.asarray(self._lit(texels, view, model).swapaxes(0, 1))
+
+        def frame(offset: tuple[float, float]) -> NDArray[np.float32]:
+            uv, uv_da, view = self._see(offset)
+            return np.asarray(self._lit(look_up(levels, uv, uv_da, wrap, sampler, rng), view, model))
+
+        return np.asarray(over_frames(sampler, frame).swapaxes(0, 1))
 
     def reference(
         self,

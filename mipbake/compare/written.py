@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake.aim import DEFAULT_SAMPLER
 from mipbake.compare.candidates import Candidate, opened
 from mipbake.compare.texture_space import MeasureEffort, TextureSpace, measure
 from mipbake.metrics import PAIR_SETS
@@ -112,13 +113,12 @@ def measure_written(
     lods = [index / 2 for index in range(2 * len(levels) - 1)]
     texels = texture_set.width * texture_set.height
     points = min(_POINTS, max(_LEAST_POINTS, texels // 4))
-    kernel = stack.provenance.pixel_filter
+    kernel, sampler = stack.provenance.pixel_filter, stack.provenance.sampler or DEFAULT_SAMPLER
 
     def measured(at: Sequence[float], points: int, samples: int, seed: int) -> TextureSpace:
         told = (lambda _phase, share: progress(share)) if at is lods else (lambda _phase, _share: None)
-        return measure(
-            texture_set, [found], kernel, at, (), MeasureEffort(seed, points, samples, intervals=False), told
-        )
+        effort = MeasureEffort(seed, points, samples, intervals=False)
+        return measure(texture_set, [found], kernel, at, (), effort, told, sampler)
 
     first = measured(lods, points, _SAMPLES, _SEED)
     dips = []

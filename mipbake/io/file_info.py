@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from mipbake.aim import sampler_from
 from mipbake.errors import InputError
 from mipbake.io import disk, ktx2
 from mipbake.io.containers import FORMATS
@@ -81,7 +82,7 @@ def stack_info(file: Path, manifest: Mapping[str, Any]) -> StackInfo:
             str(made["tool_version"]),
             str(made.get("weights") or ""),
             str(made["pixel_filter"]),
-            str(made.get("sampler") or ""),
+            "" if made.get("sampler") is None else str(sampler_from(made["sampler"])),
             "" if made.get("aim") is None else f"{made['aim']:g}",
             tuple((str(o["format"]), str(o["normal_convention"])) for o in outputs if "normal_convention" in o),
             tuple(_within(file, name) for name in dict.fromkeys(listed)),

@@ -26,8 +26,9 @@ from mipbake.judging.shown import Shown, draw_shown
 from mipbake.metrics.pairs import PAIR_SETS
 from mipbake.reference.estimate import estimate
 from mipbake.reference.lighting import GroupPairs
-from mipbake.reference.problem import Image, Problem, Region, region_points
+from mipbake.reference.problem import Image, Problem, Region, covered, region_points
 from mipbake.reference.samples import Pixels
+from mipbake.render.samplers import frames_at
 
 Array = NDArray[np.float64]
 
@@ -64,13 +65,14 @@ class Probe:
     """One level of detail: where it is measured, and what is right there.
 
     Args:
-        lod: level of detail; `levels` that a lookup reads, one or two.
+        lod: level of detail of lookups, MIP bias included; `levels` that a lookup reads, one or two.
         groups: of pair sets; those after them hold pairs drawn where renders are bright.
-        uv: (G, P, 2). light, view: (G, K, 3), K = S * 64.
+        uv: (G, P frames, 2) of lookups. light, view: (G, K, 3), K = S * 64.
         weights: (S, G, 64) of the pairs of a group, one pair set after the other, in the mean over the pair set.
         mean: (G, K, P, 3) mean of two estimates of the reference. noise: (G, K) what their difference says of it.
         signal: (G, K) mean square of what is right.
         shown: small pictures.
+        frames: of each of P points, side by side, whose mean is shown.
     """
 
     lod: float
@@ -83,6 +85,7 @@ class Probe:
     noise: Array
     signal: Array
     shown: Shown
+    frames: int
 
     @property
     def levels(self) -> tuple[int, ...]:
@@ -121,12 +124,14 @@ def probe(problem: Problem, region: Region, lod: float, effort: ProbeEffort, rng
     every = len(light)
     spread = region_points(problem, region, every * points, rng)
     uv = rng.permutation(np.resize(spread, (every * points, 2))).reshape(every, points, 2)
-    mean, noise = _estimated_twice(problem, uv, lod, light, view, samples, rng)
+    lods = covered(problem, np.full((every, points), lod), rng)
+    where = Pixels(uv, lods if problem.sampler.bias else lod)
+    mean, noise = _estimated_twice(problem, where, light, view, samples, rng)
     for _ in range(effort.doublings):
         chance, right = (weighed(each, weights)[:, :groups].sum(1) for each in (noise, mean_squares(mean) - noise))
         if (chance < _NOISY * right).all():
             break
-        again, of_again = _estimated_twice(problem, uv, lod, light, view, samples, rng)
+        again, of_again = _estimated_twice(problem, where, light, view, samples, rng)
         mean += again
         mean *= np.float32(0.5)
         # Two means of as many samples: errors that know nothing of each other.
@@ -134,7 +139,9 @@ def probe(problem: Problem, region: Region, lod: float, effort: ProbeEffort, rng
         samples *= 2
     signal = mean_squares(mean) - noise
     shown = draw_shown(problem, region, lod, effort.pictures, effort.picture_samples, rng)
-    return Probe(lod, groups, uv, light, view, weights, mean, noise, signal, shown)
+    frames = problem.sampler.frames
+    lookups = frames_at(uv, problem.square_pixels(lods), frames)
+    return Probe(lod, groups, lookups, light, view, weights, mean, noise, signal, shown, frames)
 
 
 def weighed(squares: Array, weights: Array) -> Array:
@@ -155,10 +162,10 @@ def _drawn(groups: int, rng: np.random.Generator) -> tuple[Image, Image, Array]:
 
 
 def _estimated_twice(
-    problem: Problem, uv: Array, lod: float, light: Image, view: Image, samples: int, rng: np.random.Generator
+    problem: Problem, where: Pixels, light: Image, view: Image, samples: int, rng: np.random.Generator
 ) -> tuple[Image, Array]:
     """The mean of two estimates of the reference (G, K, P, 3), and the mean square (G, K) of its noise."""
-    where, lighting = Pixels(uv, lod), GroupPairs(light, view)
+    lighting = GroupPairs(light, view)
     first, second = (estimate(problem.filtered, where, lighting, samples, rng) for _ in range(2))
     noise = mean_squares((first - second) / np.float32(2))
     first += second

@@ -19,7 +19,7 @@ from mipbake.metrics.pairs import PAIR_SETS
 from mipbake.metrics.visible import VisibleError
 from mipbake.reference.estimate import bilinear
 from mipbake.reference.problem import Image, Problem, Region, whole
-from mipbake.render.small_pictures import PIXELS
+from mipbake.render.samplers import mean_of_frames
 from mipbake.shading import shade
 
 Array = NDArray[np.float64]
@@ -132,28 +132,29 @@ class Scores:
         ]
 
     def places(self, index: int) -> Array:
-        """(M, 2) uv of all lookups of a probe: its points, and then the lookups of the pixels of its small pictures,
+        """(M, 2) uv of all lookups of a probe: of its points, and then the lookups of the pixels of its small pictures,
         first of the pictures that make fewer of each pixel."""
         probe = self.probes[index]
         shown = (probe.shown.pictures.looked_up_at(*each).reshape(-1, 2) for each in self._alike(probe))
         return np.concatenate([probe.uv.reshape(-1, 2), *shown])
 
     def seen(self, lookups: Image, index: int) -> Image:
-        """(G * P + Q, C): what a probe sees, of (M, C) lookups at its `places`."""
+        """(N, C): what a probe sees, of (M, C) lookups at its `places`: what is shaded at its points and at the points
+        of its small pictures, frame by frame."""
         probe, channels = self.probes[index], lookups.shape[-1]
-        single = probe.uv.shape[0] * probe.uv.shape[1]
-        out = np.empty((single + len(probe.shown.pictures.uv) * PIXELS, channels), np.float32)
+        single, pictures = probe.uv.shape[0] * probe.uv.shape[1], probe.shown.pictures
+        out = np.empty((single + len(pictures.uv) * pictures.points, channels), np.float32)
         out[:single] = lookups[:single]
-        pixels, begin = out[single:].reshape(-1, PIXELS, channels), single
+        points, begin = out[single:].reshape(-1, pictures.points, channels), single
         for some, count in self._alike(probe):
-            own = lookups[begin : begin + len(some) * PIXELS * count].reshape(len(some), PIXELS, count, channels)
-            pixels[some] = own.mean(2) if count > 1 else own[:, :, 0]
-            begin += len(some) * PIXELS * count
+            size = len(some) * pictures.points * count
+            own = lookups[begin : begin + size].reshape(len(some), pictures.points, count, channels)
+            points[some] = own.mean(2) if count > 1 else own[:, :, 0]
+            begin += size
         return out
 
     def looked_up(self, level: Image, index: int) -> Image:
-        """(G * P + Q, C): a level at all points of a probe, bilinearly, and last the means of the lookups of each of Q
-        pixels of its small pictures."""
+        """(N, C): what a probe sees of a level, which is looked up bilinearly."""
         return self.seen(bilinear(level, self.places(index), self.problem.wrap), index)
 
     @staticmethod
@@ -164,17 +165,16 @@ class Scores:
             yield np.flatnonzero(lookups == count), count
 
     def errors(self, texels: Image, index: int) -> Errors:
-        """What (G * P + Q, C) stored channels of the target are off by at a probe, as `looked_up` has them."""
+        """What (N, C) stored channels of the target are off by at a probe, as `looked_up` has them."""
         probe, model = self.probes[index], self.problem.target
         groups, points = probe.uv.shape[:2]
         single = texels[: groups * points].reshape(groups, points, -1)
         squares = np.empty(probe.noise.shape)
         for some in blocks(probe):
-            off = shade(model, single[some], probe.light[some], probe.view[some])
-            off -= probe.mean[some]
-            squares[some] = mean_squares(off)
+            squares[some] = mean_squares(off_by(probe, model, single, some))
         shown = probe.shown
-        radiance = shown.pictures.radiance(model, texels[groups * points :].reshape(-1, PIXELS, texels.shape[-1]))
+        pictures = texels[groups * points :].reshape(-1, shown.pictures.points, texels.shape[-1])
+        radiance = shown.pictures.radiance(model, pictures)
         return Errors(probe, squares - probe.noise, shown.error(radiance))
 
     def of(self, texels: Image, index: int) -> Score:
@@ -191,6 +191,13 @@ class Scores:
     def of_stack(self, levels: Sequence[Image]) -> list[Score]:
         """The scores of a stack at every probe."""
         return [each.score for each in self.stack_errors(levels)]
+
+
+def off_by(probe: Probe, model: str, texels: Image, some: slice) -> Image:
+    """(G', K, P, 3) what some groups of (G, P frames, C) looked-up texels are off by at the points of a probe."""
+    off = mean_of_frames(shade(model, texels[some], probe.light[some], probe.view[some]), probe.frames)
+    off -= probe.mean[some]
+    return off
 
 
 def between_levels(seen: Sequence[Image]) -> Image:
@@ -210,7 +217,7 @@ def certainty(rows: Array) -> Array:
 def blocks(probe: Probe) -> list[slice]:
     """Groups of a probe that are rendered at a time."""
     groups, pairs, points, _ = probe.mean.shape
-    step = max(1, _RADIANCES // (pairs * points))
+    step = max(1, _RADIANCES // (pairs * points * probe.frames))
     return [slice(start, start + step) for start in range(0, groups, step)]
 
 

@@ -83,17 +83,17 @@ def draw_shown(
     """Small pictures of a level of detail in a region, at least a few of each kind.
 
     Args:
-        lod: of the lookups. At level 0 pixels may also be smaller than texels. count: how many pictures there are.
+        lod: of the lookups, MIP bias included. Pixels that are smaller than texels look level 0 up as well, and where
+            the bias is negative some that are larger. count: how many pictures there are.
         samples: of a pixel of level 0, in each of two estimates; twice as many at every second level.
     """
     count = max(_FEWEST, count // KINDS_SHOWN * KINDS_SHOWN)
     height, width = problem.sizes[0]
     centre = np.resize(region_points(problem, region, count, rng), (count, 2))
-    lods = lod - (_MAGNIFIED if lod == 0 else 0.0) * rng.random(count)
-    pictures = draw_small_pictures(
-        rng, lods, draw_slants(rng, count), (width, height), problem.sampler, _rooms(), centre
-    )
-    many = min(samples << int(lod + 1) // 2, max(samples, _MOST_SAMPLES))
+    sampler = problem.sampler
+    lods = lod - (max(_MAGNIFIED - sampler.bias, 0.0) if lod == 0 else 0.0) * rng.random(count)
+    pictures = draw_small_pictures(rng, lods, draw_slants(rng, count), (width, height), sampler, _rooms(), centre)
+    many = min(samples << max(0, int(lod - sampler.bias + 1)) // 2, max(samples, _MOST_SAMPLES))
     first, second = (pictures.reference(problem.filtered, many, rng) for _ in range(2))
     both = (first + second) / np.float32(2)
     exposure = exposures(both)

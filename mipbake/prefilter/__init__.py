@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from mipbake.aim import Sampler, sampler_of
 from mipbake.errors import UsageError
 from mipbake.prefilter.base import Prefilter, PrefilterResult
 from mipbake.prefilter.neural import Neural
@@ -47,7 +48,7 @@ def method_named(
     name: str,
     weights: str | None = None,
     budget: str | None = None,
-    sampler: str | None = None,
+    sampler: Sampler | str | None = None,
     aim: float | None = None,
     device: str | None = None,
     sitting: Sitting | None = None,
@@ -59,7 +60,7 @@ def method_named(
         weights: trained weights by name, for methods that use some; None for the weights released as the default.
         budget: how long a method that optimises may take: `30s`, `2m`, any number of seconds, minutes or hours, or
             `best`, until nothing improves any more; None for the default of the method.
-        sampler: a name in `mipbake.aim.BAKED_SAMPLERS`, for the sampler of the engine that will look the stack up; None
+        sampler: of the engine that will look the stack up, by itself or by its name (`mipbake.aim.sampler_named`); None
             for the default one.
         aim: from 0, SNR under single lights, to 1, what people see in moving pictures; None for the default one.
         device: where a network runs: `cpu`, or `cuda` or `cuda:1` for a graphics card; None for `cpu`.
@@ -75,7 +76,7 @@ def method_named(
     asked: dict[str, Any] = {
         "weights": weights,
         "budget": budget,
-        "sampler": sampler,
+        "sampler": sampler_of(sampler),
         "aim": aim,
         "device": device,
     }

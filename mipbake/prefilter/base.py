@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.aim import BakedSampler
+from mipbake.aim import Sampler
 from mipbake.pixel_filter import Wrap
 from mipbake.prefilter.promise import Promise
 
@@ -49,7 +49,7 @@ class PrefilterResult:
     weights: str | None = None
     weights_sha256: str | None = None
     promise: Promise | None = None
-    sampler: BakedSampler | None = None
+    sampler: Sampler | None = None
     aim: float | None = None
     stopped: bool = False
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.aim import DEFAULT_SAMPLER, baked_sampler
+from mipbake.aim import DEFAULT_SAMPLER, Sampler
 from mipbake.device import PROCESSOR, checked_device
 from mipbake.errors import UsageError
 from mipbake.pixel_filter import Wrap
@@ -22,12 +22,12 @@ class Neural:
 
     Args:
         weights: name of the weights; None for the weights released as the default of the target and the pixel filter.
-        sampler: a name in `mipbake.aim.BAKED_SAMPLERS`, for the sampler that will look the stack up.
+        sampler: that will look the stack up.
         device: where the network runs, as `mipbake.device.checked_device` takes it. Levels of different devices differ
             by rounding.
 
     Raises:
-        UsageError: no weights or no sampler of that name, or a device that cannot be used.
+        UsageError: no weights of that name, or a device that cannot be used.
     """
 
     name = "neural"
@@ -35,9 +35,9 @@ class Neural:
     averages = False
     own_memory = 0
 
-    def __init__(self, weights: str | None = None, sampler: str = DEFAULT_SAMPLER, device: str = PROCESSOR) -> None:
+    def __init__(self, weights: str | None = None, sampler: Sampler = DEFAULT_SAMPLER, device: str = PROCESSOR) -> None:
         self._chosen: WeightsInfo | None = None
-        self.sampler, self.device = baked_sampler(sampler), checked_device(device)
+        self.sampler, self.device = sampler, checked_device(device)
         if weights is not None:
             from mipbake.models.registry import find_weights
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.aim import DEFAULT_SAMPLER, BakedSampler
+from mipbake.aim import DEFAULT_SAMPLER, Sampler
 from mipbake.pixel_filter import Wrap, level_sizes
 from mipbake.reference.sequences import random_points
 from mipbake.reference.source import FilteredSource
@@ -33,7 +33,7 @@ class Problem:
     target: str
     pixel_filter: str
     wrap: Wrap
-    sampler: BakedSampler = DEFAULT_SAMPLER
+    sampler: Sampler = DEFAULT_SAMPLER
 
     @property
     def filtered(self) -> FilteredSource:
@@ -44,6 +44,11 @@ class Problem:
     def sizes(self) -> list[tuple[int, int]]:
         """(height, width) of every level."""
         return level_sizes(*self.stored.shape[:2])
+
+    def square_pixels(self, lods: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(..., 2, 2) axes of pixels that cover (...) levels of detail, in units of the texture."""
+        height, width = self.sizes[0]
+        return np.asarray(np.exp2(lods)[..., None, None] * np.diag([1 / width, 1 / height]))
 
     @property
     def last(self) -> int:
@@ -75,6 +80,19 @@ class Region:
 def whole(problem: Problem) -> Region:
     """All of the texture and all of its levels."""
     return Region(0, 1, 0, 1, range(problem.last + 1))
+
+
+def covered(problem: Problem, lods: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
+    """Levels of detail that pixels cover which are looked up at these: without the MIP bias.
+
+    Where the bias is negative, level 0 is looked up by all pixels up to one that the bias brings there: they are drawn
+    evenly from there down to pixels as wide as a texel.
+    """
+    bias = problem.sampler.bias
+    if not bias:
+        return lods
+    at_first = np.where(lods <= 0, rng.random(np.shape(lods)), 1.0)
+    return np.asarray(lods - bias * (at_first if bias < 0 else 1.0))
 
 
 def region_points(problem: Problem, region: Region, most: int, rng: np.random.Generator) -> NDArray[np.float64]:

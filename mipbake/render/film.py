@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake.aim import DEFAULT_SAMPLER
 from mipbake.errors import UsageError
 from mipbake.pixel_filter import Wrap
 from mipbake.reference.source import FilteredSource
@@ -21,7 +22,7 @@ from mipbake.render.camera import Camera
 from mipbake.render.environment import Lighting
 from mipbake.render.mesh import Mesh
 from mipbake.render.mesh_render import Cache, SamplePass, Shot, Supersampled, candidate, reference_key
-from mipbake.render.samplers import Sampler
+from mipbake.render.samplers import RenderSampler
 
 Frames = NDArray[np.float32]
 """(T, H, W, 3) linear radiance, rows from the top."""
@@ -87,7 +88,7 @@ def film_candidate(
     levels: Sequence[NDArray[np.float32]],
     model: str,
     wrap: Wrap,
-    sampler: Sampler = "trilinear",
+    sampler: RenderSampler = DEFAULT_SAMPLER,
     seed: int = 0,
 ) -> Frames:
     """(T, H, W, 3): what an unchanged engine shows, frame after frame.

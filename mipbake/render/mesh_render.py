@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from mipbake import sampling, shading
 from mipbake._version import __version__
+from mipbake.aim import DEFAULT_SAMPLER
 from mipbake.errors import UsageError
 from mipbake.pixel_filter import PixelFilter, Wrap, filter_named
 from mipbake.reference.sequences import SEQUENCE
@@ -27,7 +28,7 @@ from mipbake.render import cache as caches
 from mipbake.render.camera import Camera
 from mipbake.render.environment import Lighting
 from mipbake.render.mesh import Mesh
-from mipbake.render.samplers import Sampler, level_of_detail, look_up
+from mipbake.render.samplers import RenderSampler, level_of_detail, look_up, over_frames
 from mipbake.render.visible import Points, Surface
 
 Array = NDArray[np.float32]
@@ -152,11 +153,12 @@ def candidate(
     levels: Sequence[Array],
     model: str,
     wrap: Wrap,
-    sampler: Sampler = "trilinear",
+    sampler: RenderSampler = DEFAULT_SAMPLER,
     offset: tuple[float, float] = (0.0, 0.0),
     rng: np.random.Generator | None = None,
 ) -> Frame:
-    """What an unchanged engine shows: each pixel's centre, one lookup of the stack there, shaded once.
+    """What an unchanged engine shows: each pixel's centre, looked up and shaded once; or the mean of as many frames as
+    the sampler has, each at a point of its own.
 
     Args:
         levels: (H_L, W_L, C) stored channels, finest first.
@@ -166,18 +168,22 @@ def candidate(
         rng: what the stochastic sampler draws with.
     """
     points = shot.surface.seen(offset)
-    texels = look_up(levels, points.uv, points.uv_da, wrap, sampler, rng)
     height, width = shot.resolution
 
-    def image(values: NDArray[Any], dtype: type) -> NDArray[Any]:
+    def image(values: NDArray[Any], dtype: type, points: Points = points) -> NDArray[Any]:
         whole = np.zeros((height * width, *values.shape[1:]), dtype)
         whole[points.index] = values
         return whole.reshape(height, width, *values.shape[1:])[::-1]
 
+    def frame(shift: tuple[float, float]) -> Array:
+        seen = shot.surface.seen((offset[0] + shift[0], offset[1] + shift[1])) if any(shift) else points
+        texels = look_up(levels, seen.uv, seen.uv_da, wrap, sampler, rng)
+        return image(_lit(seen, texels, model, shot.lighting), np.float32, seen)
+
     lod = level_of_detail(points.uv_da, levels[0].shape[:2]).clip(0, len(levels) - 1)
     return Frame(
-        image(_lit(points, texels, model, shot.lighting), np.float32),
-        image(np.ones(len(texels)), np.bool_),
+        over_frames(sampler, frame),
+        image(np.ones(len(points.uv)), np.bool_),
         image(points.uv, np.float32),
         image(lod, np.float32),
     )

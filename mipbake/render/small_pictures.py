@@ -2,7 +2,8 @@
 
 A picture is SIDE x SIDE pixels of a plane that is seen from afar, at a slant, in a room. The plane is a floor, a wall
 or anything between: no ceiling. All its pixels have one view, one footprint and one level of detail, which is the one
-of a lookup by the sampler that the stack is made for. How far a picture is from right is `mipbake.metrics.visible`.
+of a lookup by the sampler that the stack is made for. Where that sampler averages frames, every pixel is looked up and
+shaded once a frame. How far a picture is from right is `mipbake.metrics.visible`.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake.aim import Sampler
 from mipbake.metrics.visible import SIDE
 from mipbake.pixel_filter import slanted_axes
 from mipbake.reference.estimate import estimate
@@ -22,6 +24,7 @@ from mipbake.reference.lighting import SummedLights
 from mipbake.reference.samples import Pixels
 from mipbake.reference.source import FilteredSource
 from mipbake.render.environment import Lighting
+from mipbake.render.samplers import frames_at, in_frames, mean_of_frames
 from mipbake.shading import shade_lit
 from mipbake.shading.adjoint import shade_adjoint
 
@@ -34,7 +37,6 @@ SLANTS = (0.5, 1.0), (0.1, 0.5)
 PIXELS = SIDE * SIDE
 """Pixels of a picture."""
 
-_MOST_LOOKUPS = 16  # of a pixel: what engines offer at most, not tuned
 _HEIGHTS = -0.2, 0.6  # sines of the angle from which cameras look down
 _MEDIAN = 0.6  # what the median is exposed to, as in films: not tuned
 _CONTRAST = 16.0  # between the median of all pictures and the darkest that one is exposed for
@@ -49,9 +51,10 @@ class SmallPictures:
         size: (width, height) of level 0.
         lod: (N,) level of detail of the lookups. longer: (N,) level of detail of the longer side of pixels.
         uv: (N, PIXELS, 2) centres of pixels, row by row. axes: (N, 2, 2) of a pixel, as `Pixels` takes them.
-        lookups: (N,) of each pixel, side by side along its longer side.
+        lookups: (N,) of each pixel in each frame, side by side along its longer side.
         light, view: (N, L, 3) unit vectors in the tangent frame of each picture. power: (N, L, 3) irradiance.
         lights: (N,) of each picture: the first of L, the others have no power.
+        frames: whose mean is shown. Below, the points of a picture are its pixels, and of each all frames.
     """
 
     size: tuple[int, int]
@@ -64,6 +67,12 @@ class SmallPictures:
     view: Image
     power: Image
     lights: NDArray[np.int64]
+    frames: int
+
+    @property
+    def points(self) -> int:
+        """How many points of a picture are shaded."""
+        return PIXELS * self.frames
 
     def part(self, some: NDArray[np.intp]) -> SmallPictures:
         """Some of the pictures, by their indices."""
@@ -96,23 +105,27 @@ class SmallPictures:
         return ((np.arange(count) + 0.5) / count - 0.5).astype(np.float32)
 
     def looked_up_at(self, some: slice | NDArray[np.intp], count: int) -> Array:
-        """(n, PIXELS, count, 2) where `count` lookups of each pixel of n pictures lie."""
-        along = self.axes[some, 0] * np.exp2(self.longer[some])[:, None] / np.array(self.size)
-        offsets = self.places(count)[:, None] * along[:, None, None, :]
-        return np.asarray(self.uv[some][:, :, None] + offsets)
+        """(n, points, count, 2) where `count` lookups of each point of n pictures lie."""
+        width = np.exp2(self.longer[some])[:, None] / np.array(self.size)
+        offsets = self.places(count)[:, None] * (self.axes[some, 0] * width)[:, None, None, :]
+        at = self.uv[some]
+        if self.frames > 1:
+            at = frames_at(at, self.axes[some][:, None] * width[:, None, None], self.frames)
+        return np.asarray(at[:, :, None] + offsets)
 
     def radiance(self, model: str, texels: Image) -> Image:
-        """(N, PIXELS, 3) linear radiance of (N, PIXELS, C) looked-up texels."""
+        """(N, PIXELS, 3) linear radiance of (N, points, C) looked-up texels."""
         out = np.empty((*texels.shape[:2], 3), np.float32)
         frame = np.broadcast_to(np.eye(3, dtype=np.float32), (texels.shape[1], 3, 3))
         for some, light, view, power in self._alike:
             seen = np.broadcast_to(view[:, :1], (len(some), texels.shape[1], 3))
             out[some] = shade_lit(model, texels[some], frame, seen, light, power)
-        return out
+        return mean_of_frames(out, self.frames)
 
     def adjoint(self, model: str, texels: Image, gradient: Image) -> Image:
-        """(N, PIXELS, C) derivatives by texels, from (N, PIXELS, 3) derivatives by `radiance`."""
+        """(N, points, C) derivatives by texels, from (N, PIXELS, 3) derivatives by `radiance`."""
         out = np.empty(texels.shape, np.float32)
+        gradient = in_frames(gradient, self.frames)
         for some, light, view, power in self._alike:
             by_light = _of_each_light(power, np.asarray(gradient[some], np.float32))
             out[some] = shade_adjoint(model, np.ascontiguousarray(texels[some], np.float32), light, view, by_light)
@@ -149,22 +162,22 @@ def draw_small_pictures(
     lod: Array,
     slant: Array,
     size: tuple[int, int],
-    sampler: str,
+    sampler: Sampler,
     rooms: Sequence[Lighting],
     centre: Array,
 ) -> SmallPictures:
     """Pictures of planes in rooms, which take turns.
 
     Args:
-        lod: (N,) level of detail of the lookups. slant: (N,) cosines of the angle of view.
+        lod: (N,) level of detail of the lookups, the MIP bias included. slant: (N,) cosines of the angle of view.
         size: (width, height) of level 0. centre: (N, 2) uv of the middle of each picture.
-        sampler: `trilinear` or `anisotropic`, which says how far a pixel reaches that is looked up at a level.
+        sampler: says how far a pixel reaches that is looked up at a level.
     """
     frame, world_view = _placed(rng, slant)
     local = np.einsum("nij,nj->ni", frame, world_view)
     axes = slanted_axes(local)
     lookups = _lookups(slant, sampler)
-    longer = lod + np.log2(lookups)
+    longer = lod - sampler.bias + np.log2(lookups)
     place = np.arange(SIDE) - (SIDE - 1) / 2
     rows, columns = np.meshgrid(place, place, indexing="ij")
     steps = np.stack([rows.reshape(-1), columns.reshape(-1)], -1)  # rows go along the view, columns across
@@ -188,21 +201,22 @@ def draw_small_pictures(
         np.ascontiguousarray(view, np.float32),
         power.astype(np.float32),
         np.array([len(room.direction) for room in lit]),
+        sampler.frames,
     )
 
 
-def reach(sampler: str) -> float:
+def reach(sampler: Sampler) -> float:
     """How far lookups lie from the middle of a picture at most, in texels of the level of detail that they are at."""
     longest = _lookups(np.array([low for low, _ in SLANTS]), sampler).max()
-    # The other side of pixels is longer than a lookup is wide by less than another one.
-    return SIDE / 2 * math.hypot(longest, min(longest, 2))
+    # The other side of pixels is longer than a lookup is wide by less than another one. Frames show points of a pixel
+    # that are less than half a pixel from its centre.
+    side = SIDE if sampler.frames == 1 else SIDE + 1
+    return float(2**-sampler.bias * side / 2 * math.hypot(longest, min(longest, 2)))
 
 
-def _lookups(slant: Array, sampler: str) -> NDArray[np.int64]:
+def _lookups(slant: Array, sampler: Sampler) -> NDArray[np.int64]:
     """(N,) lookups of a pixel at (N,) cosines of the angle of view."""
-    if sampler != "anisotropic":
-        return np.ones(len(slant), np.int64)
-    return np.minimum(np.ceil(1 / slant - 1e-9), _MOST_LOOKUPS).astype(np.int64)
+    return np.minimum(np.ceil(1 / slant - 1e-9), sampler.lookups).astype(np.int64)
 
 
 def draw_slants(rng: np.random.Generator, count: int) -> Array:

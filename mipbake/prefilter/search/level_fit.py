@@ -22,15 +22,14 @@ from mipbake._threads import side_by_side
 from mipbake.judging.judge import Judge
 from mipbake.judging.pairs import SET_SIZE
 from mipbake.judging.probes import mean_squares
-from mipbake.judging.scores import Array, Errors, Scores, blocks
+from mipbake.judging.scores import Array, Errors, Scores, blocks, off_by
 from mipbake.judging.weights import SEEN
 from mipbake.material import MODELS
 from mipbake.metrics.pairs import PAIR_SETS
 from mipbake.metrics.visible import SENSITIVITY, bands_adjoint
 from mipbake.prefilter.search.gauss_newton import System, accepted, signs
 from mipbake.reference.problem import Image
-from mipbake.render.small_pictures import PIXELS
-from mipbake.shading import shade
+from mipbake.render.samplers import in_frames
 from mipbake.shading.adjoint import shade_adjoint
 
 _ITERATIONS, _ENOUGH = 10, 4e-3  # most steps, and nepers gained by one that are too few to go on
@@ -105,7 +104,8 @@ class _Error:
     def __init__(self, seen: SeenAt, scores: Scores, judge: Judge) -> None:
         self._seen, self._scores, self._judge = seen, scores, judge
         self._model, self._probe = scores.problem.target, scores.probes[seen.index]
-        self._groups, self._points = self._probe.uv.shape[:2]
+        self._groups, self._points = self._probe.uv.shape[:2]  # of every frame
+        self._shown = self._probe.shown.pictures.points
         self._single = self._groups * self._points
         self._columns = np.ascontiguousarray(np.moveaxis(seen.columns, 0, -1))  # (N, C, J)
 
@@ -118,7 +118,7 @@ class _Error:
         rng = np.random.default_rng(turn)
         texels, probe = self._texels(theta), self._probe
         single = texels[: self._single].reshape(self._groups, self._points, -1)
-        pixels = texels[self._single :].reshape(-1, PIXELS, texels.shape[-1])
+        pixels = texels[self._single :].reshape(-1, self._shown, texels.shape[-1])
         radiance = probe.shown.pictures.radiance(self._model, pixels)
         by_radiance, error = probe.shown.slope(radiance), probe.shown.error(radiance)
         squares, by_set = self._off(single)
@@ -127,7 +127,7 @@ class _Error:
         sets = len(PAIR_SETS)
         by_log = slopes.terms[:sets, None] / probe.groups + slopes.groups
         by_pooled, by_seen = slopes.terms[sets : -len(SEEN)], slopes.terms[-len(SEEN) :]
-        by_render = errors.slopes(by_log, by_pooled) / (3 * self._points)  # (S, G)
+        by_render = errors.slopes(by_log, by_pooled) / (3 * self._points // probe.frames)  # (S, G)
 
         gradient = np.empty_like(texels)
         by_texel = (2 * by_set * by_render.astype(np.float32)[..., None, None]).sum(0)
@@ -157,9 +157,9 @@ class _Error:
         probe = self._probe
         squares, by_set = np.empty(probe.noise.shape), np.empty((len(PAIR_SETS), *single.shape), np.float32)
         for some in blocks(probe):
-            off = shade(self._model, single[some], probe.light[some], probe.view[some])
-            off -= probe.mean[some]
+            off = off_by(probe, self._model, single, some)
             squares[some] = mean_squares(off)
+            off = in_frames(off, probe.frames)
             for kind in range(len(PAIR_SETS)):
                 part = slice(kind * SET_SIZE, (kind + 1) * SET_SIZE)
                 weight = probe.weights[kind, some, :, None, None].astype(np.float32)
@@ -168,7 +168,7 @@ class _Error:
         return squares, by_set
 
     def _adjoint(self, pixels: Image, gradient: Image) -> Image:
-        """(N, PIXELS, C) gradients by what pixels of pictures see, from (N, PIXELS, 3) ones by their radiance."""
+        """(N, points, C) gradients by what pixels of pictures see, from (N, PIXELS, 3) ones by their radiance."""
         return self._probe.shown.pictures.adjoint(self._model, pixels, gradient)
 
     def _shown_rows(
@@ -192,11 +192,15 @@ class _Error:
         Their squares sum to the curvature of all renders, each of which counts `weight` (G, K).
         """
         probe, some = self._probe, slice(turn % _STRIDE, None, _STRIDE)
-        pairs = probe.light[:, some].shape[1]
+        pairs, frames = probe.light[:, some].shape[1], probe.frames
         texels = np.repeat(single, pairs, 0)
-        turned = signs((len(texels), 1, self._points, 3), rng)
+        turned = signs((len(texels), 1, self._points // frames, 3), rng)
         turned *= np.sqrt(_STRIDE * weight[:, some]).reshape(-1, 1, 1, 1).astype(np.float32)
         light, view = (d[:, some].reshape(-1, 1, 3) for d in (probe.light, probe.view))
+        turned = in_frames(turned, frames)
         rows = shade_adjoint(self._model, texels, light, view, turned).reshape(self._groups, pairs, self._points, -1)
         rows = rows.transpose(0, 2, 1, 3).reshape(self._single, pairs, -1)
-        return np.asarray(np.matmul(rows, self._columns[: self._single]).reshape(self._single * pairs, -1))
+        by_frame = np.matmul(rows, self._columns[: self._single])
+        if frames > 1:  # of a pixel the derivatives by all frames add up
+            by_frame = by_frame.reshape(-1, frames, *by_frame.shape[1:]).sum(1)
+        return np.asarray(by_frame.reshape(-1, by_frame.shape[-1]))

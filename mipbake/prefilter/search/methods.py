@@ -24,7 +24,7 @@ import numpy as np
 
 from mipbake import memory
 from mipbake._threads import one_blas_thread
-from mipbake.aim import DEFAULT_AIM, DEFAULT_SAMPLER, baked_sampler, checked_aim
+from mipbake.aim import DEFAULT_AIM, DEFAULT_SAMPLER, Sampler, checked_aim
 from mipbake.device import PROCESSOR
 from mipbake.errors import UsageError
 from mipbake.judging.probes import ProbeEffort
@@ -77,7 +77,7 @@ class Searching:
         seed: seed of all that is drawn.
         effort: of the renders that judge. descent: effort on the levels; None for what is usual.
         judged_by: what errors count; None for what the aim says.
-        sampler: a name in `mipbake.aim.BAKED_SAMPLERS`, for the sampler that will look the stack up.
+        sampler: that will look the stack up.
         aim: from 0, SNR under single lights, to 1, what people see in moving pictures.
         device: where the network runs (`Neural`); all else runs on the processor.
         sitting: what a long search is given beside its work.
@@ -102,12 +102,12 @@ class Searching:
         effort: ProbeEffort = EFFORT,
         descent: DescentEffort | None = None,
         judged_by: Weights | None = None,
-        sampler: str = DEFAULT_SAMPLER,
+        sampler: Sampler = DEFAULT_SAMPLER,
         aim: float = DEFAULT_AIM,
         device: str = PROCESSOR,
         sitting: Sitting = ONLY,
     ) -> None:
-        self.sampler, self.aim = baked_sampler(sampler), checked_aim(aim)
+        self.sampler, self.aim = sampler, checked_aim(aim)
         self._neural, self._named = Neural(weights, sampler, device), weights is not None
         self.budgeted = budget is not None
         self.seconds = self.usual_seconds if budget is None else seconds_of(budget)

@@ -31,8 +31,8 @@ class PictureChunk:
         level: that the pictures belong to: their levels of detail are within 1/2 of it.
         lower: the finer of the two levels that they look up.
         share: (P,) of the coarser one in each lookup; None where all are 0.
-        uv: (P, 2) of all lookups, the ones of a pixel side by side: P is N PIXELS times `lookups`.
-        lookups: of each pixel.
+        uv: (P, 2) of all lookups, the ones of a pixel side by side, frame by frame.
+        lookups: of each pixel in a frame.
         some: (N,) which of the pictures that were drawn these are. shown: all of these. kinds: (N,) of these.
     """
 
@@ -50,14 +50,20 @@ class PictureChunk:
         """The levels that are looked up, and (P,) the share of each; None for all of it."""
         return levels_seen(self.lower, self.share)
 
+    @property
+    def parts(self) -> int:
+        """How many lookups there are of a pixel, in all frames; each has the same share in it."""
+        return self.lookups * self.own.pictures.frames
+
     @cached_property
     def own(self) -> Shown:
         """These pictures alone."""
         return self.shown.part(self.some)
 
     def pixels(self, texels: Image) -> Image:
-        """(N, PIXELS, C) what pixels see, of (P, C) lookups."""
-        return np.asarray(texels.reshape(len(self.some), PIXELS, self.lookups, -1).mean(2))
+        """(N, points, C) what pixels see in every frame, of (P, C) lookups."""
+        points = self.own.pictures.points
+        return np.asarray(texels.reshape(len(self.some), points, self.lookups, -1).mean(2))
 
     def adjoint(self, model: str, texels: Image, gradient: Image) -> Image:
         """(P, C) derivatives by (P, C) lookups, from (N, PIXELS, 3) derivatives by the radiance of pixels."""

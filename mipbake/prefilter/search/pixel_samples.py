@@ -23,8 +23,9 @@ from mipbake.prefilter.rules import RULES
 from mipbake.reference import lobes as around
 from mipbake.reference.estimate import estimate
 from mipbake.reference.lighting import PixelPairs
-from mipbake.reference.problem import Image, Problem
+from mipbake.reference.problem import Image, Problem, covered
 from mipbake.reference.samples import Pixels
+from mipbake.render.samplers import frames_at
 
 _RENDERS = 1 << 17  # pixels times pairs drawn at a time: what is computed from them stays near
 _MOST_SAMPLES = 128  # of a pixel
@@ -44,30 +45,34 @@ class Chunk:
     """P pixels that look up the same two levels, with K light-view pairs each.
 
     Args:
-        level: that the pixels belong to: their levels of detail are within 1/2 of it.
+        level: that the pixels belong to: the levels of detail of their lookups are within 1/2 of it.
         lower: the finer of the two levels that they look up.
-        share: (P,) of the coarser one, lower + 1; None where all are 0.
-        uv: (P, 2).
+        share: (P frames,) of the coarser one, lower + 1, in each lookup; None where all are 0.
+        uv: (P frames, 2) of all lookups, the frames of a pixel side by side. where: the pixels.
         light, view: (K, P, 3).
         importance: (S, K, P) of each pair in the mean over pairs drawn like each of S pair sets; None for common pairs.
         common: (K, P) which of the common pairs these are; None for pairs of the pixel's own.
         pixels: of its level, in all chunks of a round; every level counts the same.
+        frames: whose mean is shown.
     """
 
     level: int
     lower: int
     share: NDArray[np.float32] | None
     uv: NDArray[np.float64]
+    where: Pixels
     light: Image
     view: Image
     importance: Image | None
     common: NDArray[np.int64] | None
     pixels: int = 1
+    frames: int = 1
 
     @property
     def lods(self) -> NDArray[np.float64]:
-        """(P,) levels of detail."""
-        return self.lower + (np.zeros(len(self.uv)) if self.share is None else self.share.astype(float))
+        """(P,) levels of detail of lookups."""
+        share = np.zeros(len(self.uv)) if self.share is None else self.share.astype(float)
+        return np.asarray(self.lower + share[:: self.frames])
 
     @property
     def seen(self) -> list[tuple[int, NDArray[np.float32] | None]]:
@@ -121,7 +126,7 @@ def own_pairs(
     for place, lods, lower in chunked(problem, level, len(uv), count, rng):
         lobe = [each.at(level, uv[place]) for each in lobes]
         light, view, importance = _draw(lobe, count, turn, shifts[:, place])
-        yield Chunk(level, lower, share_of(lods, lower), uv[place], light, view, importance, None)
+        yield _chunk(problem, level, lower, lods, uv[place], (light, view, importance, None), rng)
 
 
 def common_pairs(
@@ -137,7 +142,25 @@ def common_pairs(
     for place, lods, lower in chunked(problem, level, len(uv), count, rng):
         turns = (place * half + np.arange(half)[:, None]) % each
         index = order[:, turns].reshape(count, -1)
-        yield Chunk(level, lower, share_of(lods, lower), uv[place], light[index], view[index], None, index)
+        yield _chunk(problem, level, lower, lods, uv[place], (light[index], view[index], None, index), rng)
+
+
+def _chunk(
+    problem: Problem,
+    level: int,
+    lower: int,
+    lods: NDArray[np.float64],
+    uv: NDArray[np.float64],
+    pairs: tuple[Image, Image, Image | None, NDArray[np.int64] | None],
+    rng: np.random.Generator,
+) -> Chunk:
+    """Pixels (P, 2), whose lookups have (P,) levels of detail, with light, view, importance and common pairs."""
+    frames, share = problem.sampler.frames, share_of(lods, lower)
+    told = lower + (np.zeros(len(lods)) if share is None else share.astype(float))
+    size = covered(problem, told, rng)
+    at = frames_at(uv, problem.square_pixels(size), frames)
+    every = None if share is None else np.repeat(share, frames)
+    return Chunk(level, lower, every, at, Pixels(uv, size), *pairs, frames=frames)
 
 
 def chunked(
@@ -218,4 +241,9 @@ def estimates(problem: Problem, chunk: Chunk, samples: int, rng: np.random.Gener
     """(K, P, 3) estimates of the reference, `samples` of each pixel of level 0, twice as many at every second level."""
     samples = samples_at(chunk.level, samples)
     lighting = PixelPairs(chunk.light, chunk.view)
-    return np.asarray(estimate(problem.filtered, Pixels(chunk.uv, chunk.lods), lighting, samples, rng)[0])
+    return np.asarray(estimate(problem.filtered, chunk.where, lighting, samples, rng)[0])
+
+
+def in_every_frame(pairs: Image, frames: int) -> Image:
+    """(K, P frames, 3) directions of every frame's lookup, of (K, P, 3) directions."""
+    return pairs if frames == 1 else np.repeat(pairs, frames, 1)

@@ -13,9 +13,10 @@ from mipbake.prefilter.search.gauss_newton import System, signs
 from mipbake.prefilter.search.lookups import Lookups
 from mipbake.prefilter.search.pair_weights import PairWeights
 from mipbake.prefilter.search.picture_samples import PictureChunk, picture_slopes
-from mipbake.prefilter.search.pixel_samples import Chunk
+from mipbake.prefilter.search.pixel_samples import Chunk, in_every_frame
 from mipbake.prefilter.search.texel_coordinates import limits, per_coordinate, units, without_heights
 from mipbake.reference.problem import Image
+from mipbake.render.samplers import in_frames, mean_of_frames
 from mipbake.shading import shade
 from mipbake.shading.adjoint import shade_adjoint
 
@@ -115,11 +116,11 @@ def _gradients(model: str, drawn: Drawn, texels: Sequence[Image], pause: Pause) 
     rows = []
     for (chunk, estimate, weight), seen in zip(drawn.renders, texels, strict=False):
         pause()
-        light, view = chunk.light[None], chunk.view[None]
-        off = shade(model, seen[None], light, view)
+        light, view = (in_every_frame(each, chunk.frames)[None] for each in (chunk.light, chunk.view))
+        off = mean_of_frames(shade(model, seen[None], light, view), chunk.frames)
         off -= estimate
         off *= weight[..., None]
-        rows.append(shade_adjoint(model, seen[None], light, view, off)[0])
+        rows.append(shade_adjoint(model, seen[None], light, view, in_frames(off, chunk.frames))[0])
     others = texels[len(drawn.renders) :]
     found = picture_slopes(drawn.pictures, others, model, drawn.seen_counts)
     for picture, seen, slopes in zip(drawn.pictures, others, found, strict=True):
@@ -148,14 +149,18 @@ def _curvature(
         pause()
         turned = signs((len(weight[some]), *weight.shape[1:], 3), rng)
         turned *= np.sqrt(stride * weight[some])[..., None]
-        light, view = (d[some, None] for d in (chunk.light, chunk.view))
+        light, view = (in_every_frame(d[some], chunk.frames)[:, None] for d in (chunk.light, chunk.view))
+        # The frames of a pixel have equal shares in it, which sum to 1.
+        turned = in_frames(turned, chunk.frames)
+        if chunk.frames > 1:
+            turned *= np.float32(np.sqrt(chunk.frames))
         by_pair = shade_adjoint(model, np.broadcast_to(seen, (len(turned), *seen.shape)), light, view, turned)
         packed.append(_packed(without_heights(by_pair, seen, model)))
     others = texels[len(drawn.renders) :]
     found = picture_slopes(drawn.pictures, others, model, drawn.seen_counts)
     for picture, seen, slopes in zip(drawn.pictures, others, found, strict=True):
         # The lookups of a pixel have equal shares in it, which sum to 1.
-        by_lookup = picture.adjoint(model, seen, slopes.combinations(rng)) * np.float32(np.sqrt(picture.lookups))
+        by_lookup = picture.adjoint(model, seen, slopes.combinations(rng)) * np.float32(np.sqrt(picture.parts))
         packed.append(_packed(without_heights(by_lookup, seen, model)[None]))
     out = {}
     for i, crop in free.items():

@@ -64,7 +64,7 @@ def methods(comparison: Comparison) -> Html:
             each.method,
             each.kernel,
             each.model,
-            each.sampler or DASH,
+            _value(each.sampler),
             _value(each.aim),
             f"{each.seconds:.1f} s" if each.seconds is not None else f"opened from {each.path}" if each.path else DASH,
         ]

@@ -98,10 +98,9 @@ def _short(figures: Sequence[Figure]) -> str | None:
 
 def _described(scene: FilmedScene) -> str:
     moving = "the camera moves" if scene.motion == "camera" else "the lights move"
-    after = ", accumulated over frames" if scene.accumulated else ""
     less = "" if scene.converged else " (more than was wanted: small differences here are noise)"
     return (
-        f"{scene.lighting[0].upper()}{scene.lighting[1:]}; {moving}; {scene.sampler} lookups{after}; median level of "
+        f"{scene.lighting[0].upper()}{scene.lighting[1:]}; {moving}; sampler {scene.sampler}; median level of "
         f"detail {scene.lod:.1f}; reference of {scene.passes} samples per pixel, its noise {scene.noise:.2g} where the "
         f"closest method's error is {scene.candidate_error:.2g} of the displayed range{less}."
     )
