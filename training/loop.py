@@ -204,6 +204,9 @@ def start_from(state: TrainingState, path: Path) -> list[str]:
         InputError: the checkpoint cannot be read. UsageError: nothing in it fits.
     """
     own, other = state.network.state_dict(), _released(path) or load_state(path).average.state_dict()
+    if "told" in own and "told" in other and len(other["told"]) < len(own["told"]):
+        # More is told of the sampler than those weights know: the features that they know come first.
+        other = {**other, "told": torch.cat([other["told"], own["told"][len(other["told"]) :]])}
     fitting = {name: value for name, value in other.items() if name in own and own[name].shape == value.shape}
     if not fitting:
         raise UsageError(f"{path}: no weights of this architecture; start from a training of the same [network]")

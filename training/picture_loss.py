@@ -30,7 +30,7 @@ from mipbake.metrics.visible import COSINES, OPPONENT, SENSITIVITY, SIDE, WEIGHT
 from mipbake.pixel_filter import resample
 from mipbake.reference.source import FilteredSource
 from mipbake.render.environment import ENVIRONMENTS, Lighting
-from mipbake.render.small_pictures import SLANTS, draw_small_pictures, exposures
+from mipbake.render.small_pictures import MEDIAN, SLANTS, draw_small_pictures
 from mipbake.sampling import texture
 from mipbake.shading.ops import shade
 from mipbake.training.base import TORUS
@@ -42,6 +42,8 @@ _MOST_SAMPLES = 64
 _PLAIN = 0.5  # share of the error of plain averages in what divides an error
 _FLOOR = 1e-3  # mean square that is as good as none
 _NOISE = 0.5  # share of the noise of an estimate in what divides an error: noisy pictures say less
+_CONTRAST = 100.0  # between the mean of a picture and the darkest median that it is exposed for
+_DARK = 1e-6  # radiance below which a picture is black
 _BEHIND, _AHEAD = 3.0, 0.94  # what errors count more that are not below this share of plain averages' error
 
 
@@ -117,7 +119,7 @@ def draw_pictures(
         samples = min(int(_SAMPLES[0] * _SAMPLES[1] ** max(0.0, float(lod[index] - sampler.bias))), _MOST_SAMPLES)
         for each in estimates:
             each[index] = pictures.part(np.array([index])).reference(source, samples, rng)[0]
-    exposure = exposures((estimates[0] + estimates[1]) / np.float32(2))
+    exposure = _exposures((estimates[0] + estimates[1]) / np.float32(2))
     first, second = (tonemapped(each * exposure).reshape(-1, SIDE, SIDE, 3) for each in estimates)
     adapted = adaptation((first + second) / np.float32(2))
     taps = int(pictures.lookups.max())
@@ -151,6 +153,14 @@ def plain_levels(patches: NDArray[np.float32], model: str) -> list[NDArray[np.fl
         size //= 2
         levels.append(np.stack([resample(each, (size, size), "box", TORUS) for each in levels[-1]]))
     return [levels[0], *(regularise(each, model) for each in levels[1:])]
+
+
+def _exposures(radiance: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(N, 1, 1) exposures of pictures of which (N, P, 3) is right, each for its own median: what is dim in one material
+    is all there is to see of another one, as under lamps that a dark mirror does not show."""
+    flat = radiance.reshape(len(radiance), -1)
+    own = np.maximum(np.median(flat, -1), flat.mean(-1) / _CONTRAST)
+    return np.asarray((MEDIAN / np.maximum(own, _DARK))[:, None, None], np.float32)
 
 
 @lru_cache(maxsize=len(_ROOMS))

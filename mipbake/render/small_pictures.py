@@ -37,8 +37,10 @@ SLANTS = (0.5, 1.0), (0.1, 0.5)
 PIXELS = SIDE * SIDE
 """Pixels of a picture."""
 
+MEDIAN = 0.6
+"""What the median is exposed to, as in films: not tuned."""
+
 _HEIGHTS = -0.2, 0.6  # sines of the angle from which cameras look down
-_MEDIAN = 0.6  # what the median is exposed to, as in films: not tuned
 _CONTRAST = 16.0  # between the median of all pictures and the darkest that one is exposed for
 _DARK = 1e-6  # radiance below which all pictures are black
 
@@ -234,7 +236,7 @@ def exposures(radiance: Image) -> Image:
     own = np.median(radiance.reshape(len(radiance), -1), -1)
     every = max(float(np.median(own)), _DARK)
     near = own.clip(every / _CONTRAST, every * _CONTRAST)
-    return np.asarray((_MEDIAN / np.sqrt(near * every))[:, None, None], np.float32)
+    return np.asarray((MEDIAN / np.sqrt(near * every))[:, None, None], np.float32)
 
 
 def _placed(rng: np.random.Generator, slant: Array) -> tuple[Array, Array]:
