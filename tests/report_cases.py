@@ -92,7 +92,7 @@ def rendered(name: str, title: str, view: str, scale: str, names: Any, size: tup
 def filmed(name: str, names: Any = NAMES, frames: int = 4, size: tuple[int, int] = (24, 36)) -> Filmed:
     """A film whose frames have one grey each, so that a pixel tells the method and the frame: `film_grey`."""
     scene = FilmedScene(
-        f"film-{name}", f"A {name}", "camera", "trilinear", False, 1.5, size, frames, 30.0, "studio", 0.8, 64, 0.002,
+        f"film-{name}", f"A {name}", "camera", "trilinear", 1.5, size, frames, 30.0, "studio", 0.8, 64, 0.002,
         0.02, True,
     )  # fmt: skip
 

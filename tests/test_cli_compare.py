@@ -1,11 +1,13 @@
 """`mipbake compare`: what it writes, what it says of broken conditions, meshes, lights and foreign stacks."""
 
 import json
+from dataclasses import asdict
 
 import numpy as np
 import OpenImageIO
 import pytest
 
+from mipbake.aim import ANISOTROPIC
 from mipbake.cli.main import main
 from mipbake.compare.film_figures import film_measures
 from mipbake.errors import UsageError
@@ -54,10 +56,10 @@ def test_films_are_made_unless_they_are_not_asked_for(folder, tmp_path, capsys):
     printed = capsys.readouterr().out
     assert printed.startswith("In films, as ") and "floor" in printed and "sphere" in printed and "films, " in printed
     results = json.loads((out / "results.json").read_text())
-    views = {"film-floor", "film-wall", "film-sphere"}
-    assert [film["name"] for film in results["films"]] == ["film-floor", "film-wall", "film-sphere"]
+    views = {"film-floor", "film-low-floor", "film-wall", "film-sphere"}
+    assert [film["name"] for film in results["films"]] == ["film-floor", "film-low-floor", "film-wall", "film-sphere"]
     for film in results["films"]:
-        assert (film["motion"], film["frames"]) == ("light", 16)
+        assert (film["motion"], film["frames"]) == ("light", 12)
         assert film["sampler"] == "accumulated, anisotropic 4x, bias -1"
         assert film["resolution"] == [32, 48] and film["passes"] <= 32
     measured = {(f["view"], f["method"], f["measure"]) for f in results["figures"] if f["view"].startswith("film-")}
@@ -138,7 +140,7 @@ def test_a_mesh_and_a_light_of_the_users(folder, tmp_path):
     assert run(folder, tmp_path / "report", *given) == 0
     results = json.loads((tmp_path / "report" / "results.json").read_text())
     assert [scene["view"] for scene in results["scenes"]] == ["mesh"] * 3
-    assert [method["sampler"] for method in results["methods"]] == [None, "anisotropic"]
+    assert [method["sampler"] for method in results["methods"]] == [None, asdict(ANISOTROPIC)]
     assert results["settings"]["sampler"] == "anisotropic" and "sky.exr" in results["settings"]["lighting"]
 
 
@@ -164,7 +166,7 @@ def test_a_mesh_and_a_light_of_the_users(folder, tmp_path):
         (["--motion", "light"], 2, "has no films, and motion is for films"),
         (["--sampler", "stochastic", "--lod-bias", "-1"], 2, "takes no MIP bias"),
         (["--lod-bias", "5"], 2, "expected a number from -4 to 4"),
-        (["--films", "--fail-if", "film_mesh.flip > 1"], 2, "film-floor, film-wall, film-sphere"),
+        (["--films", "--fail-if", "film_mesh.flip > 1"], 2, "film-floor, film-low-floor, film-wall"),
         (["--baked", "none"], 3, "none"),
     ],
 )

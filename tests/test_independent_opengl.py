@@ -85,13 +85,13 @@ void main() {
     vec3 n = normalize(up), t = normalize(along.xyz - dot(along.xyz, n) * n), b = along.w * cross(n, t);
     n = normalize(mat3(t, b, n) * bump.xyz);
     vec3 v = normalize(eye - place), f0 = mix(vec3(0.04), base.rgb, base.a), total = vec3(0.0);
-    float a2 = pow(bump.a, 4.0), nv = dot(n, v);
+    float a2 = pow(bump.a, 4.0), nv = max(dot(n, v), 1e-4);
     for (int i = 0; i < LIGHTS; i++) {
         vec3 l = directions[i], h = normalize(l + v);
         float nl = dot(n, l), nh = dot(n, h), weight = pow(max(1.0 - dot(l, h), 0.0), 5.0);
-        if (nl <= 0.0 || nv <= 0.0) continue;
+        if (nl <= 0.0) continue;
         float q = nh * nh * (a2 - 1.0) + 1.0;
-        float d = a2 / (PI * q * q);
+        float d = nh > 0.0 ? a2 / (PI * q * q) : 0.0;
         float visible = 0.5 / (nl * sqrt(nv * nv * (1.0 - a2) + a2) + nv * sqrt(nl * nl * (1.0 - a2) + a2));
         vec3 diffuse = base.rgb * (1.0 - base.a) / PI * 0.96 * (1.0 - weight);
         total += (diffuse + (f0 + (1.0 - f0) * weight) * d * visible) * nl * radiances[i];

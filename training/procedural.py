@@ -30,9 +30,7 @@ def procedural_set(seed: int, size: int) -> NDArray[np.float32]:
     share = region[..., None]
     base = colours[0] + (colours[1] - colours[0]) * share
     base = np.clip(base * (1 + rng.uniform(0, 0.25) * wear[..., None]), 0.0, 1.0)
-    # Maps of real sets seldom hold 0 and 1: a metal that is dirty, or nearly none, has a little diffuse light.
-    shares = np.abs(metals - (rng.random(2) < 0.4) * rng.beta(1, 6, 2))
-    metallic = shares[0] + (shares[1] - shares[0]) * share
+    metallic = metals[0] + (float(metals[1]) - metals[0]) * share
     dull = 0.12 + 0.8 * rng.beta(1.2, 1.5, 2)
     roughness = dull[0] + (dull[1] - dull[0]) * region + rng.uniform(0, 0.15) * np.clip(wear, -1.5, 3)
     maps = [base, metallic, np.clip(roughness, 0.08, 1)[..., None], normal]
@@ -41,5 +39,4 @@ def procedural_set(seed: int, size: int) -> NDArray[np.float32]:
 
 def _colour(rng: np.random.Generator, metal: bool) -> NDArray[np.float64]:
     tint = 1 - rng.uniform(0, 0.6) * rng.random(3)
-    dark = rng.random() < 0.15  # as windows and coatings are, whatever their metallic says
-    return tint * (rng.uniform(0.5, 1.0) if metal and not dark else rng.beta(1.0, 2.5))
+    return tint * (rng.uniform(0.5, 1.0) if metal else rng.beta(1.0, 2.5))

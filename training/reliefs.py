@@ -143,31 +143,4 @@ def smooth(rng: np.random.Generator, size: int) -> tuple[Field, Field]:
     return noise(rng, size, rng.uniform(0.005, 0.03)), patches(rng, size)
 
 
-def ridges(rng: np.random.Generator, size: int) -> tuple[Field, Field]:
-    """Ridges along one axis: corrugated sheets, ribs, boards, courses of tiles that overlap, ripples. What is deep is
-    the region, or blotches are."""
-    across = (np.arange(size) + 0.5) / size * int(rng.integers(2, 33))
-    phase, share = across % 1, rng.uniform(0.15, 0.85)
-    profile = (
-        np.sin(2 * np.pi * phase),
-        np.clip(4 * np.minimum(phase, 1 - phase) - 2 * share + 0.5, 0, 1),  # trapezia
-        phase,  # a slope, and a step back
-        np.sqrt(np.maximum(0, 1 - np.square(2 * phase - 1))),  # half pipes
-    )[int(rng.integers(4))]
-    width = rng.uniform(0.3, 2.0)
-    taps = np.exp(-0.5 * np.square((np.arange(size) - size // 2) / width))
-    rounded = np.fft.ifft(np.fft.fft(profile) * np.fft.fft(np.fft.ifftshift(taps / taps.sum()))).real
-    height = np.broadcast_to(standardise(rounded)[:, None], (size, size))
-    if rng.random() < 0.5:  # bent along the other axis
-        height = height + rng.uniform(0, 0.5) * noise(rng, size, rng.uniform(0.005, 0.03))
-    height = height.T if rng.random() < 0.5 else height
-    return standardise(height), step(-height, rng.uniform(1, 8)) if rng.random() < 0.5 else patches(rng, size)
-
-
-def glints(rng: np.random.Generator, size: int) -> tuple[Field, Field]:
-    """Facets of a few texels that each lean another way: snow, glitter, flakes; the region is where none is."""
-    flakes = noise(rng, size, rng.uniform(0.15, 0.5)) * step(noise(rng, size, 0.3) - rng.uniform(0, 2), 8.0)
-    return flakes + 0.3 * noise(rng, size, rng.uniform(0.01, 0.05)), patches(rng, size)
-
-
-RELIEFS: tuple[Relief, ...] = (bumps, rock, brushed, tiles, woven, scratched, cells, smooth, ridges, glints)
+RELIEFS: tuple[Relief, ...] = (bumps, rock, brushed, tiles, woven, scratched, cells, smooth)
