@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -117,7 +117,7 @@ class Content:
                 "method": made.method,
                 "pixel_filter": made.pixel_filter,
                 "weights": made.weights,
-                "sampler": None if made.sampler is None else asdict(made.sampler),
+                "sampler": None if made.sampler is None else str(made.sampler),
                 "aim": made.aim,
                 "source_hash": made.source_hash,
                 "version": made.tool_version,

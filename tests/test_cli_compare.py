@@ -141,7 +141,7 @@ def test_a_mesh_and_a_light_of_the_users(folder, tmp_path):
     results = json.loads((tmp_path / "report" / "results.json").read_text())
     assert [scene["view"] for scene in results["scenes"]] == ["mesh"] * 3
     assert [method["sampler"] for method in results["methods"]] == [None, asdict(ANISOTROPIC)]
-    assert results["settings"]["sampler"] == "anisotropic" and "sky.exr" in results["settings"]["lighting"]
+    assert results["settings"]["sampler"] == asdict(ANISOTROPIC) and "sky.exr" in results["settings"]["lighting"]
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from mipbake.judging.scores import Scores
 from mipbake.metrics.pairs import LightViewPairs
 from mipbake.prefilter.search.lookups import Lookups
 from mipbake.prefilter.search.pixel_samples import Chunk, common_pairs, estimates
-from mipbake.prefilter.search.rounds import Drawn, _gradients
+from mipbake.prefilter.search.rounds import Drawn, gradients_of
 from mipbake.reference.estimate import bilinear, estimate
 from mipbake.reference.lighting import GroupPairs
 from mipbake.reference.problem import Problem, covered
@@ -97,7 +97,7 @@ def test_gradients_of_pixels_are_the_derivatives_of_what_is_minimised(sampler: S
     ahead, back = (
         value([each + turn * step * way for each, way in zip(texels, along, strict=True)]) for turn in (1, -1)
     )
-    found = _gradients("gltf", drawn, texels, lambda: None)
+    found = gradients_of("gltf", drawn, texels, lambda: None)
     total = sum((each * way).sum(dtype=float) for each, way in zip(found, along, strict=True))
     assert total == pytest.approx((ahead - back) / (2 * step), rel=2e-2)
 

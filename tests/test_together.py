@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
+from mipbake.aim import SAMPLERS
 from mipbake.judging.probes import ProbeEffort
 from mipbake.judging.scores import Scores
 from mipbake.material import regularise
@@ -96,7 +97,7 @@ def test_lookups_of_few_texels_have_the_bits_of_lookups_of_levels(
     monkeypatch: pytest.MonkeyPatch, most: float, sampler: str
 ) -> None:
     monkeypatch.setattr(touched, "MOST", most)
-    problem = Problem(gltf_level((64, 96), 3), "gltf", "gltf", "gaussian", ("wrap", "clamp"), sampler)  # type: ignore[arg-type]
+    problem = Problem(gltf_level((64, 96), 3), "gltf", "gltf", "gaussian", ("wrap", "clamp"), SAMPLERS[sampler])
     whole = Whole(problem.stored, "gltf")
     forms = forms_of(whole, "gltf")
     sets = [Scores(problem, PROBES, seed) for seed in range(2)]

@@ -165,10 +165,10 @@ def test_a_constant_material_costs_nothing(model: str) -> None:
 def test_training_moves_every_parameter_and_lowers_the_error(model: str) -> None:
     """The error of the bands of batches that no step saw, without the noise of their references: it falls in most.
 
-    Were it chance, it would fall in 1/2 of the 48, with a standard deviation of 0.07. Of twelve trainings, three seeds
-    of each model, it fell in 0.67 to 0.96 of them.
+    Were it chance, it would fall in 1/2 of the 48, with a standard deviation of 0.07. With three seeds of the
+    anisotropic model it fell in 0.65 to 0.96 of them.
     """
-    config = tiny(run={"steps": 80}, network={"decoders": [model]}, optimiser={"learning_rate": 3e-3})
+    config = tiny(run={"steps": 160}, network={"decoders": [model]}, optimiser={"learning_rate": 3e-3})
     materials = Materials([bumpy(32, 32, 5).astype(np.float16)], ["bumps"], "gltf")
     state = loop.new_state(config)
     assert isinstance(state.network, MomentNetwork) and isinstance(config.loss, BalancedLossConfig)

@@ -95,7 +95,7 @@ def work(
             held.curvature, held.mean = _MEMORY * trust * curvature[i], free[i].coordinates
     systems = {i: _system(crop, curvature[i], helds[i].curvature) for i, crop in free.items()}
     for step in range(steps):
-        rows = _gradients(model, drawn, drawn.lookups.texels() if step else texels, pause)
+        rows = gradients_of(model, drawn, drawn.lookups.texels() if step else texels, pause)
         for i, crop in free.items():
             pause()
             by_texel = drawn.lookups.scattered(i, rows)
@@ -111,7 +111,7 @@ def work(
         held.mean = here if held.mean is None else held.mean + weight * (here - held.mean)
 
 
-def _gradients(model: str, drawn: Drawn, texels: Sequence[Image], pause: Pause) -> list[NDArray[np.float32]]:
+def gradients_of(model: str, drawn: Drawn, texels: Sequence[Image], pause: Pause) -> list[NDArray[np.float32]]:
     """(P, C) of each chunk: half the gradients of what is minimised by what its pixels see."""
     rows = []
     for (chunk, estimate, weight), seen in zip(drawn.renders, texels, strict=False):
