@@ -47,7 +47,7 @@ def stored(model: str, white: bool, height: int = 48, width: int = 64) -> np.nda
     """(H, W, C) float32 of a bumpy metal (`gltf`), or of a brushed coat over a diffuse ground (`ggx`)."""
     rng = np.random.default_rng(11)
     colour = np.ones((height, width, 3)) if white else rng.uniform(0.15, 0.95, (height, width, 3))
-    normal = height_field(height, width, seed=3, steepness=0.12)
+    normal = height_field(height, width, seed=3, steepness=0.04)  # none turns away from the camera
     if model == "gltf":
         roughness = rng.uniform(0.45, 0.9, (height, width, 1))
         channels = [colour, np.ones_like(roughness), roughness, normal]
