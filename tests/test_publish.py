@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -159,6 +160,26 @@ def test_many_at_once_leave_one_whole_result(tmp_path: Path, monkeypatch: pytest
         thread.join(60)
     assert not failed, failed
     assert names(tmp_path / "new") == ["set"] and (tmp_path / "new" / "set" / "text").read_text() in "0123"
+
+
+@pytest.mark.parametrize("read", range(3))
+def test_another_process_takes_the_earlier_result_while_it_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, read: int
+) -> None:
+    publish_text(tmp_path / "set", "old")
+    iterdir = Path.iterdir
+    reads: list[Path] = []
+
+    def taken(folder: Path) -> Iterator[Path]:
+        if folder == tmp_path / "set":
+            if len(reads) == read:
+                remove(folder)
+            reads.append(folder)
+        return iterdir(folder)
+
+    monkeypatch.setattr(Path, "iterdir", taken)
+    publish_text(tmp_path / "set", "new")
+    assert len(reads) > read and (tmp_path / "set" / "text").read_text() == "new"
 
 
 @pytest.mark.parametrize("taken", ["what was moved aside", "the name"])

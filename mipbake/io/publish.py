@@ -148,10 +148,11 @@ def published(place: Path, is_ours: IsOurs) -> Iterator[Path]:
 
 def _take_over(place: Path, partial: Path) -> None:
     """Copies what engines know of the files of an earlier result to the same files of a new one."""
-    for each in place.iterdir() if place.is_dir() else ():
-        of = partial / each.with_suffix("").name
-        if each.suffix in _COMPANIONS and each.is_file() and of.is_file():
-            shutil.copy2(each, partial / each.name)
+    with contextlib.suppress(FileNotFoundError, NotADirectoryError):  # there is none, or another process moves it now
+        for each in place.iterdir():
+            of = partial / each.with_suffix("").name
+            if each.suffix in _COMPANIONS and each.is_file() and of.is_file():
+                shutil.copy2(each, partial / each.name)
 
 
 @contextlib.contextmanager
