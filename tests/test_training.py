@@ -207,6 +207,16 @@ def test_augmentations_keep_materials_valid_and_change_them(augment: Any, model:
     assert not np.allclose(changed, patches)
 
 
+def test_dirty_metals_keep_a_little_diffuse_light_and_darken() -> None:
+    metals = np.ones((64, 2, 2, 8), np.float32)
+    dirty = augmentation.dirty_metals(metals, "gltf", np.random.default_rng(12))
+    chosen = dirty[:, 0, 0, 3] < 1
+    assert 2 < chosen.sum() < 25
+    np.testing.assert_array_equal(dirty[~chosen], metals[~chosen])
+    np.testing.assert_array_equal(dirty[..., 4:], metals[..., 4:])
+    assert (dirty[chosen][..., :3] < 0.7).all() and (dirty[chosen][..., 3] > 0.3).all()
+
+
 def test_colours_are_permuted_alike_in_albedo_and_specular() -> None:
     patches = patches_of("ggx")
     changed = augmentation.permute_colours(patches, "ggx", np.random.default_rng(0))

@@ -27,6 +27,9 @@ _LOG_GAMMA_MEAN, _LOG_GAMMA_SPREAD = 0.15, 0.4
 _UNCHANGED = 0.25
 """Share of patches whose roughness, and of others whose normals, are left as they are."""
 
+_DIRTY = 0.15
+"""Share of patches that are made dark, and whose metals are made dirty."""
+
 _MIN_HEIGHT = 0.05  # height of augmented normals, cos 87 degrees; slopes are limited accordingly
 
 
@@ -48,6 +51,7 @@ def augment(
         patches = reorient(patches, model, rng)
     patches = change_roughness(patches, model, rng, boosted)
     patches = change_normals(patches, model, rng, boosted)
+    patches = dirty_metals(patches, model, rng)
     return change_kurtosis(patches, model, rng)
 
 
@@ -167,6 +171,22 @@ def _with_slopes(patches: Patches, model: str, scale: Values, stretch: Values, a
     changed /= np.linalg.norm(changed, axis=-1, keepdims=True)
     out: Patches = patches.copy()
     out[..., group] = changed[..., : stored.shape[-1]]
+    return out
+
+
+def dirty_metals(patches: Patches, model: str, rng: np.random.Generator) -> Patches:
+    """Takes a little from the metallic of some patches, and darkens them.
+
+    Where a mirror reflects nothing bright, its little diffuse light is all there is to see of it. Few sets teach that.
+    """
+    out: Patches = patches.copy()
+    layout = model_named(model)
+    for share in layout.of(Kind.SHARE):
+        chosen = (rng.random((len(patches), 1, 1, 1)) < _DIRTY).astype(np.float32)
+        dirt, darkness = rng.beta(1, 8, (2, len(patches), 1, 1, 1)).astype(np.float32)
+        out[..., share] *= 1 - chosen * dirt
+        for group in layout.of(Kind.REFLECTANCE):
+            out[..., group] *= 1 - chosen * (1 - darkness)
     return out
 
 
