@@ -154,6 +154,10 @@ def promise_lines(provenance: Provenance) -> list[str]:
         f"{promise.summary(name)}"
         for name in promise.levels[0].snr
     ]
+    if promise.visible is not None:
+        lines.append(f"visible error in small pictures: {promise.visible:.0%} of what plain MIP maps have")
+    if promise.looks_plain:
+        lines.append("note: plain MIP maps (--method linear --filter box) look the same under this sampler")
     looked_at = [*promise.levels, *promise.between]
     behind = [name for name in promise.levels[0].snr if sum(each.gain(name) for each in looked_at) < 0]
     if provenance.aim and behind:

@@ -405,6 +405,7 @@ def test_the_promise_is_kept_in_files(tmp_path) -> None:
     stack = bake(texture_set, "auto")
     assert stack.provenance.promise is not None
     stack.save(tmp_path / "two")
+    assert stack.provenance.promise.visible is not None and stack.provenance.promise.visible < 1
     back: MipStack = open_stack(tmp_path / "two")
     assert back.provenance.promise == stack.provenance.promise
     assert bake(texture_set, "linear").provenance.promise is None
@@ -421,12 +422,13 @@ def test_promises_of_other_shapes_are_refused() -> None:
     assert found is not None and found.levels[0].snr == figures
     for wrong, sentence in (
         ([], "the promise is a list: expected an object"),
-        ({}, "the promise has between: expected between, left_out, levels, pairs, points"),
+        ({}, "the promise has between, visible: expected between, left_out, levels, pairs, points"),
         ({**right, "levels": []}, "levels of the promise is a list: expected a list of levels"),
         ({**right, "levels": [{"level": 0}]}, "level 0 of the promise has level: expected best_closed_form, "),
         ({**right, "pairs": "64"}, "pairs of the promise is '64': expected a whole number from 0 up"),
         ({**right, "levels": [{**level, "sources": "neural"}]}, "sources of level 0 .* expected a list of names"),
         ({**right, "levels": [{**level, "snr": {"hemisphere": "2"}}]}, "snr of level 0 .* pair sets with numbers"),
+        ({**right, "visible": "0.5"}, "visible of the promise is '0.5': expected a number or null"),
         ({**right, "between": {}}, "between of the promise is a dict: expected a list of lookups"),
         ({**right, "between": [{"lod": 0.5}]}, "lookup 0 of the promise has lod: expected best_closed_form, "),
         ({**right, "levels": [{**level, "snr": {"hemisphere": 2.0}}]}, "level 0 .* different pair sets"),

@@ -6,6 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
+_SAME = 0.96
+"""Share of the visible error of plain MIP maps above which a stack looks as they do: `Weights.seen_tie` as a share."""
+
 
 @dataclass(frozen=True)
 class _Measured:
@@ -69,6 +72,9 @@ class Promise:
         pairs: of each pair set that every level was measured with, at least. points: at most.
         left_out: closed forms that the budget left no time to measure: the best one may be among them.
         between: halfway between each level and the next; none in stacks of versions that did not measure there.
+        visible: visible error (mipbake.metrics.visible) of small pictures, as a share of what plain MIP maps have (the
+            closed form linear, box), the geometric mean over levels of detail and slants; None in stacks of versions
+            that did not measure it.
     """
 
     levels: tuple[LevelPromise, ...]
@@ -76,6 +82,12 @@ class Promise:
     points: int
     left_out: tuple[str, ...] = ()
     between: tuple[BetweenPromise, ...] = ()
+    visible: float | None = None
+
+    @property
+    def looks_plain(self) -> bool:
+        """Whether plain MIP maps look the same, for all that was measured."""
+        return self.visible is not None and self.visible > _SAME
 
     def __repr__(self) -> str:
         """A description in one line."""
@@ -102,7 +114,7 @@ def promise_from(content: object) -> Promise | None:
     if content is None:
         return None
     if isinstance(content, dict):
-        content = {"between": [], **content}
+        content = {"between": [], "visible": None, **content}
     whole = _checked("the promise", content, Promise)
     if not isinstance(whole["levels"], list) or not whole["levels"]:
         raise ValueError(f"levels of the promise is {_kind(whole['levels'])}: expected a list of levels")
@@ -116,6 +128,7 @@ def promise_from(content: object) -> Promise | None:
         whole["points"],
         tuple(whole["left_out"]),
         tuple(BetweenPromise(**each) for each in between),
+        whole["visible"],
     )
 
 
@@ -149,6 +162,8 @@ def _expected_in(name: str, value: object) -> str | None:
     """What a field should hold; None where it does."""
     if name in ("level", "pairs", "points"):
         return None if _number(value) and isinstance(value, int) and value >= 0 else "a whole number from 0 up"
+    if name == "visible":
+        return None if value is None or _number(value) else "a number or null"
     if name in ("refined", "lod"):
         return None if _number(value) else "a number"
     if name in ("sources", "left_out"):

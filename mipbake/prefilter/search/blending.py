@@ -70,6 +70,7 @@ class Blend:
         sources: for each level, the names of its ingredients.
         judge, check, witness: as Gathered has them.
         witnessed: what the best closed forms of pair sets have, by the witness.
+        plain: (L, V) logarithm of the visible error of plain MIP maps at levels of detail, by the witness.
         left_out: closed forms that there was no time to bake, in none of the above.
         typical: as Bench has it.
     """
@@ -80,6 +81,7 @@ class Blend:
     check: Scores
     witness: Scores
     witnessed: list[list[Rival]]
+    plain: NDArray[np.float64]
     left_out: tuple[str, ...] = ()
     typical: Image | None = None
 
@@ -181,5 +183,7 @@ def _made(found: Gathered, mixtures: list[dict[str, NDArray[np.float64]]]) -> Bl
     levels = bench.mixed(mixtures)
     rivals = [bench.rivals(1, index)[: len(PAIR_SETS)] for index in range(len(found.check.lods))]
     witnessed = [bench.witnessed(index, each) for index, each in enumerate(rivals)]
+    plain = np.stack([bench.plain_looks(index) for index in range(len(rivals))])
     sources = [tuple(mixture) for mixture in mixtures]
-    return Blend(levels, sources, found.judge, found.check, found.witness, witnessed, bench.left_out, bench.typical)
+    renders = found.judge, found.check, found.witness
+    return Blend(levels, sources, *renders, witnessed, plain, bench.left_out, bench.typical)

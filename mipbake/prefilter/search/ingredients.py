@@ -334,6 +334,13 @@ class Bench:
         rows = {name: self._witness.of(between_levels(each), index) for name, each in seen.items()}
         return [Rival(each.name, rows[each.name].rows[kind]) for kind, each in enumerate(rivals)]
 
+    def plain_looks(self, index: int) -> Array:
+        """(V,) logarithm of the visible error that plain MIP maps have at a level of detail as the witness sees it."""
+        box = f"{BASE} ({KERNEL_OF_ORIGIN})"
+        name, which = box if box in self._ingredients else self.base, len(self._scores)
+        levels = [self.seen(name, which, index, level) for level in self._witness.probes[index].levels]
+        return np.asarray(self._witness.of(between_levels(levels), index).seen.mean(-1))
+
     def safest(self, level: int, judge: Judge) -> str:
         """The ingredient that is worth most at a level by itself, as fitted to."""
         index = 2 * level

@@ -63,6 +63,7 @@ def start_parts(start: Blend) -> Parts:
             arrays[f"asked {index} plain"] = asked.plain
     for index, rivals in enumerate(start.witnessed):
         arrays |= {f"witnessed {index} {number}": each.log_errors for number, each in enumerate(rivals)}
+    arrays["plain"] = start.plain
     if start.typical is not None:
         arrays["typical"] = start.typical
     about = {
@@ -94,7 +95,8 @@ def start_of(parts: Parts, problem: Problem, effort: ProbeEffort, judged_by: Wei
     sources = [tuple(names) for names in about["sources"]]
     judge = Judge(asked, judged_by)
     left_out = tuple(about["left_out"])
-    return Blend(levels, sources, judge, check, witness, witnessed, left_out, arrays.get("typical"))
+    renders = judge, check, witness
+    return Blend(levels, sources, *renders, witnessed, arrays["plain"], left_out, arrays.get("typical"))
 
 
 def state_parts(state: RegionState) -> Parts:

@@ -38,4 +38,5 @@ def promised(search: Search) -> Promise:
             between.append(BetweenPromise(best_closed_form=best, lod=lod, **figures))
     effort = start.witness.effort
     pairs, points = effort.groups * SET_SIZE, effort.groups * effort.points
-    return Promise(tuple(levels), pairs, points, start.left_out, tuple(between))
+    visible = np.exp(np.mean([score.seen.mean(-1) for score in found] - start.plain))
+    return Promise(tuple(levels), pairs, points, start.left_out, tuple(between), round(float(visible), 4))
