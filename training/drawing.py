@@ -58,7 +58,7 @@ class Drawer(Generic[T]):
 
     Args:
         draw: the batch of an index, a pure function.
-        example: an index; no batch is much larger than the batch of this index.
+        example: an index; batches that are more than twice as large as the batch of this index are handed over slower.
         ahead: batches that are drawn at a time, each by a process or a thread of its own. So many may be asked for
             until the first of them is taken.
     """
@@ -157,9 +157,13 @@ def _work(draw: Callable[[int], Any], pipe: Connection, theirs: Connection, memo
 
 def _answer(draw: Callable[[int], Any], index: int, shared: memoryview) -> tuple[bytes | Exception, list[int]]:
     try:
-        answer, buffers = pack(draw(index))
+        batch = draw(index)
+        answer, buffers = pack(batch)
         sizes = [len(buffer) for buffer in buffers]
-        for place, buffer in zip(_places(sizes)[0], buffers, strict=True):
+        places, end = _places(sizes)
+        if end > len(shared):  # it comes through the pipe, whole
+            return pickle.dumps(batch), []
+        for place, buffer in zip(places, buffers, strict=True):
             shared[place] = buffer
     except Exception as error:  # whatever it is, the parent raises it
         return error, []
