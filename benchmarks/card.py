@@ -57,7 +57,7 @@ def shading(device: torch.device) -> dict[str, Callable[[], object]]:
 
 def baking(device: torch.device) -> dict[str, Callable[[], object]]:
     """The network of a bake on a device, for every size."""
-    baker = load_baker(find_weights("mipbake-2"), str(device))
+    baker = load_baker(find_weights("mipbake-3"), str(device))
 
     def of(size: int) -> Callable[[], object]:
         stored = stored_of(size)

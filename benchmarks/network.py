@@ -23,7 +23,7 @@ from mipbake.models.moment_baker import MomentBaker
 from mipbake.models.registry import find_weights, load_baker, load_network
 from mipbake.pixel_filter import level_sizes
 
-_WEIGHTS = "mipbake-2"
+_WEIGHTS = "mipbake-3"
 _SIDE = 1536  # of the matrices that are multiplied
 
 

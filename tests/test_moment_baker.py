@@ -107,7 +107,7 @@ from mipbake import Sampler, _native
 from mipbake.models.level_filter import Lookup
 from mipbake.models.registry import find_weights, load_baker
 stored = np.load(sys.argv[1])
-levels = load_baker(find_weights("mipbake-2")).levels(stored, Lookup("gaussian", Sampler()), ("wrap", "clamp"))
+levels = load_baker(find_weights("mipbake-3")).levels(stored, Lookup("gaussian", Sampler()), ("wrap", "clamp"))
 np.savez(sys.argv[2], *levels)
 print(_native.isa())
 """
@@ -127,7 +127,7 @@ def test_every_instruction_set_bakes_alike_and_without_torch(isa: str, tmp_path:
     assert run.returncode == 0, run.stderr
     if run.stdout.strip() != isa:
         pytest.skip(f"this processor or build has no {isa}")
-    (info,) = (info for info in RELEASED if info.name == "mipbake-2")
+    (info,) = (info for info in RELEASED if info.name == "mipbake-3")
     here = bake_levels(load_network(info), stored, Lookup("gaussian", Sampler()), ("wrap", "clamp"))
     with np.load(tmp_path / "levels.npz") as found:
         difference = off("gltf", [found[name] for name in found.files], here)
@@ -148,7 +148,7 @@ def test_a_source_in_another_model_is_converted() -> None:
 
 @pytest.mark.parametrize("broken", ["missing", "wide", "samplers"])
 def test_tensors_that_do_not_fit_are_found_before_a_bake(broken: str) -> None:
-    (info,) = (info for info in RELEASED if info.name == "mipbake-2")
+    (info,) = (info for info in RELEASED if info.name == "mipbake-3")
     baker = load_baker(info)
     assert isinstance(baker, MomentBaker)
     tensors = dict(baker.tensors)

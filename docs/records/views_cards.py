@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from records.record import Records
 
 
+UNMEASURED = "Not measured yet."
+
+
 def by_filter(weights: str) -> Callable[[Records], str]:
     """What a card says of default weights: mean SNR under every pixel filter that they are for."""
 
@@ -23,6 +26,8 @@ def by_filter(weights: str) -> Callable[[Records], str]:
             for file in unpack(records["results-filters"])
             if any(m["name"] == "neural" and m["weights"] == weights for m in file["methods"])
         ]
+        if not files:
+            return UNMEASURED
         sets, side = sorted({file["set"] for file in files}), files[0]["crop"]
         parts = [
             wrapped(
