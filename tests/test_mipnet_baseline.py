@@ -293,7 +293,7 @@ def test_training_moves_every_parameter(target: str) -> None:
 def test_descent_lowers_the_error_of_a_batch(target: str) -> None:
     """The error is the error of levels that the network makes; lobes become as wide across ridges as the ridges
     scatter."""
-    batch = batches.draw_batch(ridges(), tiny(target), 1)  # other batches hold a highlight that outweighs all else
+    batch = batches.draw_batch(ridges(), tiny(target), 2)  # other batches hold a highlight that outweighs all else
     assert isinstance(batch, BalancedBatch)
     torch.manual_seed(0)
     network = small(target).build()
