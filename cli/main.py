@@ -7,6 +7,7 @@ import gc
 import os
 import signal
 import sys
+import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import FrameType
@@ -204,11 +205,23 @@ def _parsing_message(error: Exception) -> str:
     return f"{message[:1].lower()}{message[1:]}{expected}; see `{path} --help`"
 
 
+_AGAIN = 0.01  # seconds, by which Python has left what swallowed a signal
 _EXITS = {signal.SIGINT: EXIT_INTERRUPTED, signal.SIGTERM: EXIT_TERMINATED}
 
 
 def _stop(number: int, _frame: FrameType | None) -> NoReturn:
     raise _Stopped(_EXITS[signal.Signals(number)])
+
+
+def _unheard(what: sys.UnraisableHookArgs) -> None:
+    """Python swallows what is raised while it frees an object or a lock of an import: a signal comes once more then."""
+    if not isinstance(what.exc_value, _Stopped):
+        sys.__unraisablehook__(what)
+        return
+    (number,) = (each for each, code in _EXITS.items() if code == what.exc_value.code)
+    again = threading.Timer(_AGAIN, signal.raise_signal, (number,))
+    again.daemon = True
+    again.start()
 
 
 def _handle_signals(handler: Callable[[int, FrameType | None], NoReturn] | signal.Handlers) -> None:
@@ -222,6 +235,7 @@ def run() -> None:
     """Runs the command line of the process and ends it."""
     replace_streams()
     try:
+        sys.unraisablehook = _unheard
         _handle_signals(_stop)
         keep_freed_memory()
         code = main(sys.argv[1:])

@@ -161,3 +161,15 @@ def test_lines_arrive_at_once_without_buffers(stream: str) -> None:
         assert ready == [out] and out is not None and os.read(out.fileno(), 99) == b"a line\n"
         running.communicate()
     assert running.returncode == 0
+
+
+def test_a_signal_that_python_swallows_comes_again() -> None:
+    program = (
+        "import signal, time\nfrom mipbake.cli import main as loaded\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "class Freed:\n    def __del__(self): signal.raise_signal(signal.SIGINT)\n"
+        "def main(arguments):\n    Freed()\n    time.sleep(60)\n    return 0\n"
+        "loaded.main = main\nloaded.run()\n"
+    )
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, env=ENVIRONMENT, check=False)
+    assert run.returncode == 130 and run.stderr.count("\n") == 1 and "Traceback" not in run.stderr, run.stderr
