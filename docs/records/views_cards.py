@@ -14,9 +14,6 @@ if TYPE_CHECKING:
     from records.record import Records
 
 
-UNMEASURED = "Not measured yet."
-
-
 def by_filter(weights: str) -> Callable[[Records], str]:
     """What a card says of default weights: mean SNR under every pixel filter that they are for."""
 
@@ -27,7 +24,7 @@ def by_filter(weights: str) -> Callable[[Records], str]:
             if any(m["name"] == "neural" and m["weights"] == weights for m in file["methods"])
         ]
         if not files:
-            return UNMEASURED
+            return "Not measured yet."
         sets, side = sorted({file["set"] for file in files}), files[0]["crop"]
         parts = [
             wrapped(
