@@ -74,7 +74,7 @@ def setup(records: Records) -> str:
 def short(records: Records) -> str:
     """What a reader of the README has to know of films."""
     found, accumulated = _films(records), _films(records, True)
-    each, later = gain(found, AUTO), gain(accumulated, AUTO).mean
+    each, later, alone = gain(found, AUTO), gain(accumulated, AUTO).mean, gain(found, NEURAL)
     better, worse = (share(found, lambda film, sign=sign: sign * film.over(AUTO) >= APART) for sign in (1, -1))  # type: ignore[misc]
     return wrapped(
         "What people see is another question. ColorVideoVDP judged "
@@ -83,7 +83,9 @@ def short(records: Records) -> str:
         f"`{AUTO}` gain {each.mean:+.2f} JOD in the mean, and from {each.film_gain(each.worst):+.2f} to "
         f"{each.film_gain(each.best):+.2f}. They are better by {APART:g} JOD or more in {better:.0%} of the films, and "
         f"worse by as much in {worse:.0%}. In films with temporal accumulation, which many engines have, the mean is "
-        f"{later:+.2f} JOD. [Films](benchmarks/RESULTS-films.md) has all of them."
+        f"{later:+.2f} JOD. The network alone gains {alone.mean:+.2f} JOD, and from "
+        f"{alone.film_gain(alone.worst):+.2f}: what `{AUTO}` adds for its time is a guard. "
+        "[Films](benchmarks/RESULTS-films.md) has all of them."
     )
 
 
