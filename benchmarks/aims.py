@@ -21,15 +21,15 @@ from typing import Any
 import numpy as np
 from results_sets import folder_sets, middle
 
-from mipbake.compare.candidates import closed_forms, label
-from mipbake.judging.probes import ProbeEffort
-from mipbake.judging.scores import DECIBEL, Scores
-from mipbake.judging.weights import SEEN, TERMS, Weight, Weights
-from mipbake.metrics.pairs import PAIR_SETS
-from mipbake.prefilter import METHODS
-from mipbake.prefilter.base import Prefilter
-from mipbake.prefilter.search.methods import Auto, Optimum
-from mipbake.reference.problem import Problem
+from mipbake.baking.methods import METHODS
+from mipbake.baking.prefilter import Prefilter
+from mipbake.baking.search.methods import Auto, Optimum
+from mipbake.comparing.candidates import closed_forms, label
+from mipbake.quality.judging.probes import ProbeEffort
+from mipbake.quality.judging.scores import DECIBEL, Scores
+from mipbake.quality.judging.weights import SEEN, TERMS, Weight, Weights
+from mipbake.quality.metrics.pairs import PAIR_SETS
+from mipbake.quality.reference.problem import Problem
 
 SETS, SIDE = 9, 64
 """Sets that are measured, spread over the folder, and texels a side of the part in their middle."""

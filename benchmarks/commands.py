@@ -27,10 +27,10 @@ from xml.sax.saxutils import quoteattr
 from timing import cpu_name
 
 import mipbake
-from mipbake.compare.costs import LIMIT
-from mipbake.convert import TARGETS as MODELS
-from mipbake.packing import PACKINGS
-from mipbake.presets import PRESETS
+from mipbake.baking.convert import TARGETS as MODELS
+from mipbake.stack.costs import LIMIT
+from mipbake.stack.packing import PACKINGS
+from mipbake.stack.presets import PRESETS
 
 FORMATS = "exr,tx,ktx2,dds,png,glb"
 """All formats, as one bake writes them."""

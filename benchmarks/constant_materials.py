@@ -22,11 +22,11 @@ from mipnet_network import register
 from numpy.typing import NDArray
 from results_sets import captured, folder_sets, in_model
 
-from mipbake.bake import DEFAULT_FILTER
-from mipbake.metrics.pairs import PAIR_SETS
-from mipbake.metrics.snr import snr_from_sums, snr_sums
+from mipbake.baking.bake import DEFAULT_FILTER
 from mipbake.models.registry import WEIGHTS_FOLDER, WeightsInfo, default_weights, find_weights, load_network
-from mipbake.reference.pair_sets import weighted_pair_set
+from mipbake.quality.metrics.pairs import PAIR_SETS
+from mipbake.quality.metrics.snr import snr_from_sums, snr_sums
+from mipbake.quality.reference.pair_sets import weighted_pair_set
 from mipbake.shading import shade
 from mipbake.training.captured import MODEL as CAPTURED
 

@@ -25,20 +25,20 @@ from typing import Any
 
 from results_sets import bumps, folder_sets
 
-from mipbake.aim import sampler_named
-from mipbake.compare.candidates import Candidate, bake_all, chosen
-from mipbake.compare.film_figures import ShownReference, film_figures
-from mipbake.compare.filming import MOST_PASSES, FilmSettings, Take, taken
-from mipbake.compare.films import FRAMES, RESOLUTION, standard_films
-from mipbake.compare.pictures import RenderSettings
-from mipbake.metrics import check_color_video_vdp, snr_db
-from mipbake.metrics.visible import visible_error
-from mipbake.prefilter import OPTIONS
-from mipbake.prefilter.neural import Neural
-from mipbake.reference.source import FilteredSource
-from mipbake.render.environment import lighting_named
-from mipbake.render.film import Frames
-from mipbake.texture_set import TextureSet
+from mipbake.baking.methods import OPTIONS
+from mipbake.baking.neural import Neural
+from mipbake.comparing.candidates import Candidate, bake_all, chosen
+from mipbake.comparing.film_figures import ShownReference, film_figures
+from mipbake.comparing.filming import MOST_PASSES, FilmSettings, Take, taken
+from mipbake.comparing.films import FRAMES, RESOLUTION, standard_films
+from mipbake.comparing.meshes.film import Frames
+from mipbake.comparing.pictures import RenderSettings
+from mipbake.material.aim import sampler_named
+from mipbake.quality.environment import lighting_named
+from mipbake.quality.metrics import check_color_video_vdp, snr_db
+from mipbake.quality.metrics.visible import visible_error
+from mipbake.quality.reference.source import FilteredSource
+from mipbake.source.texture_set import TextureSet
 
 MODEL, FILTER = "gltf", "gaussian"
 

@@ -39,8 +39,8 @@ from mipbake.fitting.renderer import new_stamps
 from mipbake.fitting.supersampled import supersampled
 from mipbake.fitting.three import ThreeRenderer
 from mipbake.fitting.views import scale_of
-from mipbake.metrics import displayed, snr_sums
-from mipbake.pixel_filter import filter_named, level_sizes
+from mipbake.material.pixel_filter import filter_named, level_sizes
+from mipbake.quality.metrics import displayed, snr_sums
 
 FILTER = "gaussian"
 

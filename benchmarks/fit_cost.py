@@ -23,17 +23,17 @@ from numpy.typing import NDArray
 from timing import cpu_name, measure
 
 from mipbake import stochastic
-from mipbake.content import Provenance
+from mipbake.comparing.meshes.camera import Camera
+from mipbake.comparing.meshes.shapes import plane
 from mipbake.fitting import Frame, Levels, View, fit
 from mipbake.fitting.gl import GlRenderer, shipped_shader
 from mipbake.fitting.kernels import TorchRenderer
 from mipbake.fitting.parameters import Parameters
 from mipbake.fitting.renderer import new_stamps
-from mipbake.pixel_filter import level_sizes
-from mipbake.render.camera import Camera
-from mipbake.render.environment import directional
-from mipbake.render.shapes import plane
-from mipbake.stack import MipStack
+from mipbake.material.pixel_filter import level_sizes
+from mipbake.quality.environment import directional
+from mipbake.stack.content import Provenance
+from mipbake.stack.stack import MipStack
 
 PIXELS = (64, 128, 256, 512)
 """Sides of images, of a stack of `STACK` texels a side, all of them at level of detail 0."""

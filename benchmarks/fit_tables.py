@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from mipbake.fitting import SCALES
-from mipbake.metrics import snr_from_sums
+from mipbake.quality.metrics import snr_from_sums
 
 METHODS = ("linear", "lean", "auto")
 """Methods of the bakes that a fit is compared with."""

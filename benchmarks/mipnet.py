@@ -28,10 +28,10 @@ import torch
 from mipnet_network import KINDS, TARGETS, MipnetNetwork, register
 from safetensors.torch import save
 
-from mipbake._allocator import keep_freed_memory
-from mipbake.errors import InputError
+from mipbake.base.allocator import keep_freed_memory
+from mipbake.base.errors import InputError
+from mipbake.material.pixel_filter import FILTERS
 from mipbake.models.registry import WEIGHTS_LICENCE, WeightsInfo, list_weights, load_network
-from mipbake.pixel_filter import FILTERS
 from mipbake.training.__main__ import exit_code
 from mipbake.training.balanced_loss import BalancedLossConfig
 from mipbake.training.config import TrainingConfig, read_config

@@ -40,14 +40,14 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from mipbake import material
-from mipbake.aim import DEFAULT_SAMPLER, Sampler
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
 from mipbake.material import MAX_LOG_ALPHA2, MIN_ROUGHNESS, Kind, model_named
+from mipbake.material.aim import DEFAULT_SAMPLER, Sampler
+from mipbake.material.pixel_filter import Wrap
 from mipbake.models.architecture import Architecture
 from mipbake.models.architectures import ARCHITECTURES
 from mipbake.models.base import Network, Stacks
 from mipbake.models.parameters import agreeing, clamp
-from mipbake.pixel_filter import Wrap
 
 TARGETS = ("gltf", "gltf-anisotropic", "ggx", "beckmann")
 

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from timing import cpu_name, measure
 
 from mipbake import _native
+from mipbake.material.pixel_filter import level_sizes
 from mipbake.models.level_filter import Lookup
 from mipbake.models.moment_baker import MomentBaker
 from mipbake.models.registry import find_weights, load_baker, load_network
-from mipbake.pixel_filter import level_sizes
 
 _WEIGHTS = "mipbake-3"
 _SIDE = 1536  # of the matrices that are multiplied

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from timing import cpu_name, measure
 
 from mipbake import _native
-from mipbake.pixel_filter import filtered_levels
-from mipbake.prefilter.rules import RULES
+from mipbake.baking.rules import RULES
+from mipbake.material.pixel_filter import filtered_levels
 
 _MOVED = {"copy": 2.0, "averages (box)": 4 / 3}
 """What is moved at least, in units of level 0, where it is not 7 / 3. Averages of boxes leave level 0 as it is."""

@@ -27,10 +27,11 @@ def main() -> None:
     options = parser.parse_args()
 
     from mipbake import _native, raster, sampling, shading
-    from mipbake.pixel_filter import filtered_levels
-    from mipbake.reference.source import FilteredSource
-    from mipbake.render import environment, mesh_render, shapes
-    from mipbake.render.camera import orbit
+    from mipbake.comparing.meshes import mesh_render, shapes
+    from mipbake.comparing.meshes.camera import orbit
+    from mipbake.material.pixel_filter import filtered_levels
+    from mipbake.quality import environment
+    from mipbake.quality.reference.source import FilteredSource
 
     _native.set_num_threads(options.threads)
     rng = np.random.default_rng(0)

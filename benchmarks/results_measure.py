@@ -26,18 +26,17 @@ from results_sets import (
 )
 
 from mipbake import TextureSet
-from mipbake.bake import DEFAULT_FILTER
-from mipbake.compare import texture_space
-from mipbake.compare.candidates import closed_forms, label
-from mipbake.compare.pictures import RenderSettings, render_view
-from mipbake.compare.result import SCALES
-from mipbake.compare.scenes import standard_views
+from mipbake.baking.bake import DEFAULT_FILTER
+from mipbake.baking.search.methods import REFINE_SECONDS
+from mipbake.comparing.candidates import closed_forms, label
+from mipbake.comparing.pictures import RenderSettings, render_view
+from mipbake.comparing.result import SCALES
+from mipbake.comparing.scenes import standard_views
+from mipbake.comparing.validate import DEFAULT_LODS
 from mipbake.material import GLTF_MODELS, MODELS
-from mipbake.pixel_filter import FILTERS
-from mipbake.prefilter.search.methods import REFINE_SECONDS
-from mipbake.reference.source import FilteredSource
-from mipbake.render import environment
-from mipbake.validate import DEFAULT_LODS
+from mipbake.material.pixel_filter import FILTERS
+from mipbake.quality import environment, texture_space
+from mipbake.quality.reference.source import FilteredSource
 
 EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
 FOUR = tuple(label(method, kernel) for method in ("linear", "lean") for kernel in ("box", DEFAULT_FILTER))

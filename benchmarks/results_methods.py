@@ -23,12 +23,12 @@ from typing import Any
 import numpy as np
 from mipnet_network import register
 
-from mipbake.compare.candidates import Candidate, chosen
-from mipbake.compare.result import Method
-from mipbake.errors import UsageError
+from mipbake.baking.methods import METHODS, OPTIONS, method_named
+from mipbake.base.errors import UsageError
+from mipbake.comparing.candidates import Candidate, chosen
+from mipbake.comparing.result import Method
 from mipbake.models.registry import WEIGHTS_FOLDER, WeightsInfo, default_weights, find_weights, list_weights
-from mipbake.prefilter import METHODS, OPTIONS, method_named
-from mipbake.texture_set import TextureSet
+from mipbake.source.texture_set import TextureSet
 
 
 @dataclass(frozen=True)

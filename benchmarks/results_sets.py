@@ -59,7 +59,7 @@ def in_model(texture_set: TextureSet, model: str) -> InModel:
 
 
 def _source(name: str, stored: Image, model: str, wrap: tuple[str, str] = ("wrap", "wrap")) -> InModel:
-    convention = mipbake.texture_set.NormalConvention("opengl", "option", 1.0)
+    convention = mipbake.source.texture_set.NormalConvention("opengl", "option", 1.0)
     digest = hashlib.sha256(model.encode() + stored.tobytes()).hexdigest()
     height, width = stored.shape[:2]
     return InModel(name, {}, width, height, wrap, convention, digest, model=model, stored=stored)

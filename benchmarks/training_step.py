@@ -18,7 +18,7 @@ from pathlib import Path
 
 import torch
 
-from mipbake._allocator import keep_freed_memory
+from mipbake.base.allocator import keep_freed_memory
 from mipbake.training import loop, loss
 from mipbake.training.batches import batches
 from mipbake.training.config import DataConfig, TrainingConfig, read_config

@@ -25,17 +25,17 @@ from timing import cpu_name
 
 import mipbake
 from mipbake import MipStack, TextureSet
-from mipbake.compare.candidates import opened
-from mipbake.compare.compression import chosen, losses
-from mipbake.compare.file_levels import stored_channels
-from mipbake.compare.ranges import chosen_ranges
-from mipbake.glb import encoded, output
-from mipbake.io import uastc
-from mipbake.io.containers import Container
-from mipbake.io.gltf.ranges import Ranges, usual_ranges
-from mipbake.io.gpu_files import KTX2, GpuFile
-from mipbake.io.map_files import MapFile, quantised_levels, stood_for
-from mipbake.output import GLB_TEXELS
+from mipbake.comparing.candidates import opened
+from mipbake.source.images import uastc
+from mipbake.stack.compression import chosen, losses
+from mipbake.stack.containers import Container
+from mipbake.stack.file_levels import stored_channels
+from mipbake.stack.gltf.glb import encoded, output
+from mipbake.stack.gltf.ranges import Ranges, usual_ranges
+from mipbake.stack.gpu_files import KTX2, GpuFile
+from mipbake.stack.map_files import MapFile, quantised_levels, stood_for
+from mipbake.stack.output import GLB_TEXELS
+from mipbake.stack.ranges import chosen_ranges
 
 Loss = Mapping[str, float]
 Levels = list[NDArray[np.float32]]

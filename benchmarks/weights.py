@@ -18,12 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 from results_sets import folder_sets, middle
 
-from mipbake.aim import DEFAULT_AIM
-from mipbake.judging.probes import ProbeEffort
-from mipbake.judging.scores import DECIBEL, Scores
-from mipbake.judging.weights import TERMS, Weight, Weights, weights_for
-from mipbake.prefilter.search.methods import Auto
-from mipbake.reference.problem import Problem
+from mipbake.baking.search.methods import Auto
+from mipbake.material.aim import DEFAULT_AIM
+from mipbake.quality.judging.probes import ProbeEffort
+from mipbake.quality.judging.scores import DECIBEL, Scores
+from mipbake.quality.judging.weights import TERMS, Weight, Weights, weights_for
+from mipbake.quality.reference.problem import Problem
 
 SETS, SIDE = 6, 256
 """Sets that are measured, spread over the folder, and texels a side of the part in their middle."""

@@ -10,9 +10,11 @@ from typing import Annotated, Optional
 import typer
 
 import mipbake
-from mipbake.aim import DEFAULT_AIM, DEFAULT_SAMPLER, SAMPLERS
-from mipbake.bake import AUTO_TARGET, DEFAULT_FILTER, DEFAULT_METHOD, TARGETS
 from mipbake.baking import BakeOptions, NotBaked, bake_sources
+from mipbake.baking.bake import AUTO_TARGET, DEFAULT_FILTER, DEFAULT_METHOD, TARGETS
+from mipbake.baking.methods import METHODS
+from mipbake.baking.search.time_budget import BEST
+from mipbake.base.errors import UsageError
 from mipbake.cli import options
 from mipbake.cli.bake_batch import bake_batch, bake_project, suggest_recursive
 from mipbake.cli.bake_output import Printer, told
@@ -21,17 +23,15 @@ from mipbake.cli.methods import some_of
 from mipbake.cli.options import OptionalPath, one_of
 from mipbake.cli.session import Session
 from mipbake.cli.sources import SourcesOrProject
-from mipbake.compare.costs import LIMIT
-from mipbake.errors import UsageError
-from mipbake.io.containers import DEFAULT_FORMAT, FORMATS
-from mipbake.io.layout import PROJECT
-from mipbake.io.options import NORMAL_CONVENTIONS, LoadOptions
-from mipbake.output import GLB, GLB_TEXELS
-from mipbake.packing import PACKINGS, SOURCE
-from mipbake.prefilter import METHODS
-from mipbake.prefilter.search.time_budget import BEST
-from mipbake.presets import PRESETS
-from mipbake.sidecars import SIDECARS
+from mipbake.material.aim import DEFAULT_AIM, DEFAULT_SAMPLER, SAMPLERS
+from mipbake.source.layout import PROJECT
+from mipbake.source.options import NORMAL_CONVENTIONS, LoadOptions
+from mipbake.stack.containers import DEFAULT_FORMAT, FORMATS
+from mipbake.stack.costs import LIMIT
+from mipbake.stack.output import GLB, GLB_TEXELS
+from mipbake.stack.packing import PACKINGS, SOURCE
+from mipbake.stack.presets import PRESETS
+from mipbake.stack.sidecars import SIDECARS
 
 _METHODS = "; ".join(f"{name}: {method.summary}" for name, method in METHODS.items())
 _FORMATS = "; ".join(

@@ -13,7 +13,12 @@ import mipbake
 from mipbake.baking import BakedDocument, BakedSet, BakeOptions, NotBaked
 from mipbake.baking.recipe import weights_of
 from mipbake.baking.results import DEFECT, Planned, Result
-from mipbake.batch import (
+from mipbake.base import disk
+from mipbake.base.errors import MipbakeError, UsageError
+from mipbake.cli.batch_options import BatchAsked
+from mipbake.cli.json_log import JsonLog, json_log, lines_of
+from mipbake.cli.session import Session, console
+from mipbake.library import (
     COMMAND_LINE,
     BatchListener,
     BatchOptions,
@@ -25,17 +30,12 @@ from mipbake.batch import (
     settings_of,
     watch_library,
 )
-from mipbake.batch.depfile import write_depfile
-from mipbake.batch.finding import found_library
-from mipbake.batch.results import Progress
-from mipbake.batch.run import Choose
-from mipbake.cli.batch_options import BatchAsked
-from mipbake.cli.json_log import JsonLog, json_log, lines_of
-from mipbake.cli.session import Session, console
-from mipbake.errors import MipbakeError, UsageError
-from mipbake.io import disk
-from mipbake.io.layout import PROJECT
-from mipbake.io.options import LoadOptions
+from mipbake.library.depfile import write_depfile
+from mipbake.library.finding import found_library
+from mipbake.library.results import Progress
+from mipbake.library.run import Choose
+from mipbake.source.layout import PROJECT
+from mipbake.source.options import LoadOptions
 
 EXIT_CHECK = 5
 """Exit code of --check where something would be baked."""

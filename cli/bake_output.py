@@ -9,22 +9,22 @@ from pathlib import Path
 from typing import Any
 
 from mipbake.baking import BakedDocument, BakedSet, Listener, NotBaked
+from mipbake.baking.methods import Stop
 from mipbake.baking.options import Asked
 from mipbake.baking.results import DEFECT, Planned, Result, Unchanged
+from mipbake.base.timings import Timings
 from mipbake.cli.bake_stopping import Stopping
 from mipbake.cli.session import Session, failed, timings
 from mipbake.cli.tables import description, remarks_of
-from mipbake.compare.costs import Cost
-from mipbake.content import Provenance
-from mipbake.glb import output
-from mipbake.jobs import Failure, Job
-from mipbake.output import GLB
-from mipbake.packing import Normals
-from mipbake.prefilter import Stop
-from mipbake.presets import Preset
-from mipbake.stack import MipStack
-from mipbake.texture_set import TextureSet
-from mipbake.timings import Timings
+from mipbake.source.jobs import Failure, Job
+from mipbake.source.texture_set import TextureSet
+from mipbake.stack.content import Provenance
+from mipbake.stack.costs import Cost
+from mipbake.stack.gltf.glb import output
+from mipbake.stack.output import GLB
+from mipbake.stack.packing import Normals
+from mipbake.stack.presets import Preset
+from mipbake.stack.stack import MipStack
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-from mipbake.prefilter import Stop
+from mipbake.baking.methods import Stop
 
 
 class Stopping:

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 
+from mipbake.base.errors import UsageError
 from mipbake.cli.options import OptionalPath
-from mipbake.errors import UsageError
-from mipbake.io.layout import PROJECT
+from mipbake.source.layout import PROJECT
 
 if TYPE_CHECKING:
-    from mipbake.batch import Shard
+    from mipbake.library import Shard
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ def batching(
         raise UsageError("--watch goes on without end, and --depfile is written at the end: expected one of the two")
     _check_files(depfile, json_log)
     if shard is not None:
-        from mipbake.batch import Shard
+        from mipbake.library import Shard
 
         part = Shard.parsed(shard)
     logs = (json_log, config, watch, check, depfile, depfile_for)
@@ -155,7 +155,7 @@ def _check_files(depfile: Path | None, json_log: Path | None) -> None:
         if file is not None and (not file.name or file.is_dir()):
             raise UsageError(f"{option} {file} is a folder: expected a file to write")
     if depfile is not None:
-        from mipbake.batch.depfile import check_depfile
+        from mipbake.library.depfile import check_depfile
 
         check_depfile(depfile)
     if json_log is not None:

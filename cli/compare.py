@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional
 import typer
 
 import mipbake
-from mipbake.aim import DEFAULT_AIM
-from mipbake.bake import AUTO_TARGET, DEFAULT_FILTER, TARGETS
+from mipbake.baking.bake import AUTO_TARGET, DEFAULT_FILTER, TARGETS
+from mipbake.baking.methods import METHODS
+from mipbake.base.publish import temporary_folder
+from mipbake.base.timings import Timings
 from mipbake.cli import options
 from mipbake.cli.folders import stack_of
 from mipbake.cli.methods import some_of
@@ -19,31 +21,29 @@ from mipbake.cli.options import OptionalPath, one_of
 from mipbake.cli.session import Session, plain, timings
 from mipbake.cli.sources import Sources, over_sets
 from mipbake.cli.tables import table
-from mipbake.compare.comparing import Settings, Subjects
-from mipbake.compare.comparing import compare as compare_methods
-from mipbake.compare.conditions import GRAMMAR, parse
-from mipbake.compare.filming import MOST_PASSES
-from mipbake.compare.films import MOTIONS, RESOLUTION, motion_named
-from mipbake.compare.pictures import MAX_PASSES
-from mipbake.compare.result import SCALES, Comparison
-from mipbake.compare.scenes import SPHERE_RESOLUTION
-from mipbake.compare.texture_space import DEFAULT_POINTS, DEFAULT_SAMPLES, DEFAULT_SEED
-from mipbake.found import set_report
-from mipbake.io.options import LoadOptions
-from mipbake.io.publish import temporary_folder
-from mipbake.jobs import Job
-from mipbake.metrics import MEASURES, PAIR_SETS
-from mipbake.prefilter import METHODS
-from mipbake.render.cache import default_folder
-from mipbake.render.environment import ENVIRONMENTS, lighting_named
-from mipbake.render.mesh_file import read_mesh
-from mipbake.render.samplers import RENDER_SAMPLERS, render_sampler
-from mipbake.report.page import check_report, write_report
-from mipbake.report.page.verdict import verdict
-from mipbake.report.page.writing import PAGE
-from mipbake.report.viewer import Source
-from mipbake.texture_set import TextureSet
-from mipbake.timings import Timings
+from mipbake.comparing.comparison import Settings, Subjects
+from mipbake.comparing.comparison import compare as compare_methods
+from mipbake.comparing.conditions import GRAMMAR, parse
+from mipbake.comparing.filming import MOST_PASSES
+from mipbake.comparing.films import MOTIONS, RESOLUTION, motion_named
+from mipbake.comparing.meshes.cache import default_folder
+from mipbake.comparing.meshes.mesh_file import read_mesh
+from mipbake.comparing.page import check_report, write_report
+from mipbake.comparing.page.verdict import verdict
+from mipbake.comparing.page.writing import PAGE
+from mipbake.comparing.pictures import MAX_PASSES
+from mipbake.comparing.result import SCALES, Comparison
+from mipbake.comparing.scenes import SPHERE_RESOLUTION
+from mipbake.comparing.viewer import Source
+from mipbake.material.aim import DEFAULT_AIM
+from mipbake.quality.environment import ENVIRONMENTS, lighting_named
+from mipbake.quality.metrics import MEASURES, PAIR_SETS
+from mipbake.quality.samplers import RENDER_SAMPLERS, render_sampler
+from mipbake.quality.texture_space import DEFAULT_POINTS, DEFAULT_SAMPLES, DEFAULT_SEED
+from mipbake.source.found import set_report
+from mipbake.source.jobs import Job
+from mipbake.source.options import LoadOptions
+from mipbake.source.texture_set import TextureSet
 
 if TYPE_CHECKING:
     from rich.table import Table

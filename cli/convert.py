@@ -13,13 +13,7 @@ import typer
 
 import mipbake
 from mipbake import MipbakeError, UsageError
-from mipbake.cli import options
-from mipbake.cli.folders import check_names
-from mipbake.cli.options import one_of
-from mipbake.cli.session import Session, timings
-from mipbake.cli.sources import Sources
-from mipbake.cli.tables import description, remarks_of
-from mipbake.convert import (
+from mipbake.baking.convert import (
     LEARNED,
     TARGETS,
     Material,
@@ -29,17 +23,23 @@ from mipbake.convert import (
     is_material_folder,
     open_material,
 )
-from mipbake.found import file_hashes, set_report
-from mipbake.intake import jobs
-from mipbake.io.containers import DEFAULT_FORMAT, IMAGE_FORMATS
-from mipbake.io.inputs import expand
-from mipbake.io.options import LoadOptions
-from mipbake.io.publish import temporary_folder
-from mipbake.jobs import Failure, Job, SetFiles
+from mipbake.baking.methods import method_named
+from mipbake.base.publish import temporary_folder
+from mipbake.base.timings import Timings
+from mipbake.cli import options
+from mipbake.cli.folders import check_names
+from mipbake.cli.options import one_of
+from mipbake.cli.session import Session, timings
+from mipbake.cli.sources import Sources
+from mipbake.cli.tables import description, remarks_of
 from mipbake.material import model_named
-from mipbake.prefilter import method_named
-from mipbake.texture_set import TextureSet
-from mipbake.timings import Timings
+from mipbake.source.found import file_hashes, set_report
+from mipbake.source.inputs import expand
+from mipbake.source.intake import jobs
+from mipbake.source.jobs import Failure, Job, SetFiles
+from mipbake.source.options import LoadOptions
+from mipbake.source.texture_set import TextureSet
+from mipbake.stack.containers import DEFAULT_FORMAT, IMAGE_FORMATS
 
 _Write: TypeAlias = "Callable[[TextureSet | Material, Path, Timings], dict[str, Any]]"
 

@@ -11,13 +11,15 @@ from typing import Annotated, Any, Optional
 import typer
 
 import mipbake
-from mipbake.bake import DEFAULT_FILTER, DEFAULT_METHOD
+from mipbake.baking.bake import DEFAULT_FILTER, DEFAULT_METHOD
+from mipbake.baking.methods import METHODS
+from mipbake.baking.search.time_budget import BEST, seconds_of
+from mipbake.base.errors import UsageError
 from mipbake.cli import options
 from mipbake.cli.options import OptionalPath, one_of
 from mipbake.cli.session import Session, timings
 from mipbake.cli.sources import Sources, over_sets
 from mipbake.cli.tables import description
-from mipbake.errors import UsageError
 from mipbake.fitting import Progress
 from mipbake.fitting import fit as fit_stack
 from mipbake.fitting.comparisons import ERRORS
@@ -26,14 +28,12 @@ from mipbake.fitting.loop import MOST, check_count
 from mipbake.fitting.named import RENDERERS, RendererChoice
 from mipbake.fitting.prepared import TEXELS
 from mipbake.fitting.state import check_checkpoint
-from mipbake.found import file_hashes
-from mipbake.io.options import LoadOptions
-from mipbake.jobs import Job
-from mipbake.manifest import check_output
-from mipbake.prefilter import METHODS
-from mipbake.prefilter.search.time_budget import BEST, seconds_of
-from mipbake.stack import MipStack, open_stack
-from mipbake.texture_set import TextureSet
+from mipbake.source.found import file_hashes
+from mipbake.source.jobs import Job
+from mipbake.source.options import LoadOptions
+from mipbake.source.texture_set import TextureSet
+from mipbake.stack.manifest import check_output
+from mipbake.stack.stack import MipStack, open_stack
 
 DEFAULT_VIEWS = 16
 """Views at each level of detail."""

@@ -6,10 +6,10 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from mipbake import InputError, UsageError
-from mipbake.io.layout import manifests
-from mipbake.io.tiles import name_without
-from mipbake.jobs import Job
-from mipbake.texture_set import TextureSet
+from mipbake.source.jobs import Job
+from mipbake.source.layout import manifests
+from mipbake.source.texture_set import TextureSet
+from mipbake.source.tiles import name_without
 
 
 def check_names(named: Iterable[tuple[str, Path]], what: str) -> None:

@@ -10,10 +10,10 @@ import typer
 
 import mipbake
 from mipbake.cli.session import Session
-from mipbake.io.file_facts import FileInfo, ImageInfo
-from mipbake.io.file_info import file_info, stack_info
-from mipbake.io.layout import MANIFEST, manifests
-from mipbake.manifest import manifest_path, read_manifest
+from mipbake.source.images.file_facts import FileInfo, ImageInfo
+from mipbake.source.layout import MANIFEST, manifests
+from mipbake.stack.file_info import file_info, stack_info
+from mipbake.stack.manifest import manifest_path, read_manifest
 
 
 def info(

@@ -8,12 +8,12 @@ from typing import Annotated
 
 import typer
 
-from mipbake.batch.project import TEMPLATE
+from mipbake.base import disk
+from mipbake.base.errors import OutputError
+from mipbake.base.publish import replaced_file
 from mipbake.cli.session import Session
-from mipbake.errors import OutputError
-from mipbake.io import disk
-from mipbake.io.layout import PROJECT
-from mipbake.io.publish import replaced_file
+from mipbake.library.project import TEMPLATE
+from mipbake.source.layout import PROJECT
 
 
 def init(

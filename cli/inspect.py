@@ -9,18 +9,18 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import mipbake
+from mipbake.base.errors import UsageError
 from mipbake.cli import options
 from mipbake.cli.batch_options import BatchAsked, project_file, with_project
 from mipbake.cli.options import OptionalPath
 from mipbake.cli.session import Session
 from mipbake.cli.sources import SourcesOrProject, over_sets
 from mipbake.cli.tables import description, remarks_of, table
-from mipbake.errors import UsageError
-from mipbake.found import set_report
-from mipbake.io.layout import PROJECT
-from mipbake.io.options import LoadOptions
-from mipbake.jobs import Job
-from mipbake.texture_set import TextureSet
+from mipbake.source.found import set_report
+from mipbake.source.jobs import Job
+from mipbake.source.layout import PROJECT
+from mipbake.source.options import LoadOptions
+from mipbake.source.texture_set import TextureSet
 
 
 @partial(options.reads_sets, without=("normal_length", "wrap_u", "wrap_v"))
@@ -56,8 +56,8 @@ def inspect(
 
 def _show_project(session: Session, config: Path, sources: Sequence[str]) -> None:
     """Prints what applies to the sets of a library, and where that is said."""
-    from mipbake.batch.finding import found_library
-    from mipbake.batch.project import read_project
+    from mipbake.library.finding import found_library
+    from mipbake.library.project import read_project
 
     project = read_project(config)
     within = tuple(map(Path, sources))

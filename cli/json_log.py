@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO
 
-from mipbake.batch import EntryResult
+from mipbake.base.errors import OutputError
+from mipbake.base.publish import check_file, reason
 from mipbake.cli.bake_output import told
 from mipbake.cli.session import Session, plain
-from mipbake.errors import OutputError
-from mipbake.io.publish import check_file, reason
+from mipbake.library import EntryResult
 
 _LONGEST = 1 << 26
 """Bytes of a line at most: what is longer is none of ours."""

@@ -15,15 +15,15 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from mipbake._allocator import keep_freed_memory
-from mipbake._extras import told_of
+from mipbake.base import disk
+from mipbake.base.allocator import keep_freed_memory
+from mipbake.base.errors import MipbakeError
+from mipbake.base.extras import told_of
+from mipbake.base.leftovers import unfinished
+from mipbake.base.messages import listed, one_line
 from mipbake.cli.commands import Commands
 from mipbake.cli.session import Session
 from mipbake.cli.streams import lost, replace_streams
-from mipbake.errors import MipbakeError
-from mipbake.io import disk
-from mipbake.io.leftovers import unfinished
-from mipbake.io.messages import listed, one_line
 
 EXIT_UNEXPECTED = 1
 EXIT_USAGE = 2
@@ -162,7 +162,7 @@ def _stopped_message(code: int, kept: Path | None) -> str:
 
 def _unforeseen(session: Session, error: Exception) -> int:
     """Says what an error that is not mipbake's own means, and returns the exit code."""
-    from mipbake import memory
+    from mipbake.base import memory
 
     wanting = told_of(error) if isinstance(error, ModuleNotFoundError) else None
     if wanting is not None:

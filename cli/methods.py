@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mipbake.prefilter import OPTIONS
+from mipbake.baking.methods import OPTIONS
 
 
 def some_of(option: str) -> str:

@@ -11,14 +11,14 @@ from typing import Annotated, Any, Optional, TypeAlias, get_type_hints
 
 import typer
 
-from mipbake._allocator import keep_freed_memory
-from mipbake.aim import MOST_BIAS
+from mipbake.base.allocator import keep_freed_memory
+from mipbake.base.device import PROCESSOR
+from mipbake.base.errors import UsageError
+from mipbake.base.memory import default, limited, parsed, told
 from mipbake.cli.session import Session
-from mipbake.device import PROCESSOR
-from mipbake.errors import UsageError
-from mipbake.io.options import ALPHAS, NORMAL_CONVENTIONS, NORMAL_LENGTHS, ROLES, WRAP_MODES, LoadOptions
-from mipbake.memory import default, limited, parsed, told
-from mipbake.pixel_filter import FILTERS
+from mipbake.material.aim import MOST_BIAS
+from mipbake.material.pixel_filter import FILTERS
+from mipbake.source.options import ALPHAS, NORMAL_CONVENTIONS, NORMAL_LENGTHS, ROLES, WRAP_MODES, LoadOptions
 
 DEFAULTS = LoadOptions()
 

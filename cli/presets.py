@@ -7,10 +7,10 @@ from typing import Annotated
 import typer
 
 import mipbake
-from mipbake.aim import SAMPLERS
 from mipbake.cli.session import Session
 from mipbake.cli.tables import table
-from mipbake.presets import PRESETS, Preset
+from mipbake.material.aim import SAMPLERS
+from mipbake.stack.presets import PRESETS, Preset
 
 
 def presets(

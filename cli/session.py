@@ -11,8 +11,8 @@ from dataclasses import asdict, dataclass, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mipbake.errors import MipbakeError, RendererError, shortened
-from mipbake.timings import Timings
+from mipbake.base.errors import MipbakeError, RendererError, shortened
+from mipbake.base.timings import Timings
 
 if TYPE_CHECKING:
     from rich.console import Console

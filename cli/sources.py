@@ -8,12 +8,12 @@ from typing import Annotated, Any, Optional
 import typer
 
 from mipbake import MipbakeError
+from mipbake.base.publish import temporary_folder
 from mipbake.cli.session import Session
-from mipbake.intake import jobs
-from mipbake.io.options import LoadOptions
-from mipbake.io.publish import temporary_folder
-from mipbake.jobs import Failure, Job
-from mipbake.texture_set import TextureSet
+from mipbake.source.intake import jobs
+from mipbake.source.jobs import Failure, Job
+from mipbake.source.options import LoadOptions
+from mipbake.source.texture_set import TextureSet
 
 _SOURCES = typer.Argument(
     metavar="SOURCE",

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mipbake.found import sources_of
-from mipbake.io.sources import DECISIONS, Discovery, MapSource
-from mipbake.jobs import Job
-from mipbake.texture_set import TextureSet
+from mipbake.source.found import sources_of
+from mipbake.source.jobs import Job
+from mipbake.source.sources import DECISIONS, Discovery, MapSource
+from mipbake.source.texture_set import TextureSet
 
 if TYPE_CHECKING:
     from rich.table import Table

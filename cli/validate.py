@@ -15,12 +15,12 @@ from mipbake.cli.options import parse_lods, spoken_lods
 from mipbake.cli.session import Session, timings
 from mipbake.cli.sources import Sources, over_sets
 from mipbake.cli.tables import table
-from mipbake.glb import multiple_of_side
-from mipbake.glb_stacks import stack_in_glb
-from mipbake.io.options import LoadOptions
-from mipbake.jobs import Job
-from mipbake.output import GLB
-from mipbake.validate import DEFAULT_LODS, DEFAULT_POINTS, DEFAULT_SAMPLES, DEFAULT_SEED
+from mipbake.comparing.validate import DEFAULT_LODS, DEFAULT_POINTS, DEFAULT_SAMPLES, DEFAULT_SEED
+from mipbake.source.jobs import Job
+from mipbake.source.options import LoadOptions
+from mipbake.stack.gltf.glb import multiple_of_side
+from mipbake.stack.gltf.glb_stacks import stack_in_glb
+from mipbake.stack.output import GLB
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -30,7 +30,7 @@ from scipy.optimize import least_squares, minimize, minimize_scalar
 from scipy.special import erfc, erfcx, gamma
 
 from mipbake import material
-from mipbake.metrics.pairs import NEAR_MIRROR_SPREAD
+from mipbake.quality.metrics.pairs import NEAR_MIRROR_SPREAD
 from mipbake.shading import shade
 
 Array = NDArray[np.float64]

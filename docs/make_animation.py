@@ -18,9 +18,9 @@ import numpy as np
 import pictures
 from PIL import Image
 
-from mipbake.compare.scenes import median_lod
-from mipbake.metrics import flicker_ratio, snr_db
-from mipbake.render import environment
+from mipbake.comparing.scenes import median_lod
+from mipbake.quality import environment
+from mipbake.quality.metrics import flicker_ratio, snr_db
 
 GAP, HEAD = 6, 30  # pixels: between spheres, and of the line of words
 

@@ -12,10 +12,10 @@ import json
 from pathlib import Path
 
 import mipbake
-from mipbake.compare.result import SCALES
-from mipbake.metrics import PAIR_SETS
-from mipbake.prefilter import METHODS
-from mipbake.validate import BAKED
+from mipbake.baking.methods import METHODS
+from mipbake.comparing.result import SCALES
+from mipbake.comparing.validate import BAKED
+from mipbake.quality.metrics import PAIR_SETS
 
 ROOT = Path(__file__).resolve().parent.parent
 LODS = {scale: sum(lods) / 2 for scale, lods in SCALES.items()}

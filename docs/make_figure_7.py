@@ -27,18 +27,18 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import mipbake
-from mipbake.bake import DEFAULT_FILTER
-from mipbake.compare.candidates import Candidate
-from mipbake.compare.pictures import RenderSettings, render_view
-from mipbake.compare.result import Method
-from mipbake.compare.scenes import standard_views
-from mipbake.errors import UsageError
+from mipbake.baking.bake import DEFAULT_FILTER
+from mipbake.baking.methods import METHODS
+from mipbake.base.errors import UsageError
+from mipbake.comparing.candidates import Candidate
+from mipbake.comparing.pictures import RenderSettings, render_view
+from mipbake.comparing.result import Method
+from mipbake.comparing.scenes import standard_views
+from mipbake.material.pixel_filter import level_sizes
 from mipbake.models.registry import default_weights, list_weights, load_network
-from mipbake.pixel_filter import level_sizes
-from mipbake.prefilter import METHODS
-from mipbake.reference.source import FilteredSource
-from mipbake.render import environment
-from mipbake.texture_set import TextureSet
+from mipbake.quality import environment
+from mipbake.quality.reference.source import FilteredSource
+from mipbake.source.texture_set import TextureSet
 
 PAGE = Path(__file__).resolve().parent / "figure-7.md"
 SET = Path(__file__).resolve().parent.parent / "examples" / "brushed_steel"

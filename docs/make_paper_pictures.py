@@ -25,18 +25,18 @@ from records.record import ROOT
 from records.scripts import script
 
 import mipbake
-from mipbake.bake import DEFAULT_FILTER
-from mipbake.compare import plots
-from mipbake.compare.candidates import Candidate
-from mipbake.compare.pictures import RenderSettings, render_view
-from mipbake.compare.result import Method, Plot
-from mipbake.compare.scenes import View, standard_views
-from mipbake.metrics.images import displayed
+from mipbake.baking.bake import DEFAULT_FILTER
+from mipbake.baking.methods import METHODS
+from mipbake.comparing import plots
+from mipbake.comparing.candidates import Candidate
+from mipbake.comparing.pictures import RenderSettings, render_view
+from mipbake.comparing.result import Method, Plot
+from mipbake.comparing.scenes import View, standard_views
+from mipbake.material.pixel_filter import level_sizes
 from mipbake.models.registry import WEIGHTS_FOLDER, find_weights, list_weights, load_network
-from mipbake.pixel_filter import level_sizes
-from mipbake.prefilter import METHODS
-from mipbake.reference.source import FilteredSource
-from mipbake.render import environment
+from mipbake.quality import environment
+from mipbake.quality.metrics.images import displayed
+from mipbake.quality.reference.source import FilteredSource
 from mipbake.shading import shade
 from mipbake.training.augmentation import augment, mix
 

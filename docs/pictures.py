@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 import mipbake
-from mipbake.compare.scenes import View, standard_views
-from mipbake.metrics.images import displayed
-from mipbake.reference.source import FilteredSource
-from mipbake.render import environment, mesh_render
-from mipbake.render.mesh_render import Frame, Passes, Reference
-from mipbake.stack import MipStack
-from mipbake.texture_set import TextureSet
+from mipbake.comparing.meshes import mesh_render
+from mipbake.comparing.meshes.mesh_render import Frame, Passes, Reference
+from mipbake.comparing.scenes import View, standard_views
+from mipbake.quality import environment
+from mipbake.quality.metrics.images import displayed
+from mipbake.quality.reference.source import FilteredSource
+from mipbake.source.texture_set import TextureSet
+from mipbake.stack.stack import MipStack
 
 SET = Path(__file__).resolve().parent.parent / "examples" / "lacquered_leather"
 PLAIN, BAKED, REFERENCE = "linear", "mipbake", "reference"
@@ -32,7 +33,7 @@ GROUND = (13, 17, 23)  # the colour of GitHub's dark pages; on light ones the pa
 BRIGHT, DIM, GOOD = (230, 237, 243), (139, 148, 158), (86, 211, 100)
 
 _RIM = 2.5  # pixels at the sphere's outline that are not shown: no pixel there lies wholly on the sphere
-_FILLED = 0.94  # of the half height by the sphere's radius, as mipbake.compare.scenes has it
+_FILLED = 0.94  # of the half height by the sphere's radius, as mipbake.comparing.scenes has it
 
 Picture = NDArray[np.uint8]
 """(H, W, 3) sRGB, rows from the top."""

@@ -3,30 +3,28 @@
 from __future__ import annotations
 
 import pkgutil
-import sys
 from importlib import import_module
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 # The build maps models/, training/, cli/ and the native core into this package. When Python runs from the root of
 # a checkout, this folder shadows the installed package; extending the path finds those rooms there all the same.
 __path__ = pkgutil.extend_path(__path__, __name__)
 
-from mipbake._version import __version__ as __version__
+from mipbake.base.version import __version__ as __version__
 
 if TYPE_CHECKING:
-    from mipbake.aim import Sampler
-    from mipbake.bake import bake
     from mipbake.baking import BakedDocument, BakedSet, BakeOptions, Listener, bake_all
-    from mipbake.batch import BatchListener, BatchOptions, bake_library, watch_library
-    from mipbake.compare.checking import Check
-    from mipbake.convert import Material, convert, open_material
-    from mipbake.errors import InputError, MipbakeError, OutputError, RendererError, UsageError
+    from mipbake.baking.bake import bake
+    from mipbake.baking.convert import Material, convert, open_material
+    from mipbake.base.errors import InputError, MipbakeError, OutputError, RendererError, UsageError
+    from mipbake.comparing.validate import Validation, validate
     from mipbake.fitting import fit
-    from mipbake.loading import load, load_all
-    from mipbake.stack import MipStack, open_stack
-    from mipbake.texture_set import TextureSet
-    from mipbake.validate import Validation, validate
+    from mipbake.library import BatchListener, BatchOptions, bake_library, watch_library
+    from mipbake.material.aim import Sampler
+    from mipbake.source.loading import load, load_all
+    from mipbake.source.texture_set import TextureSet
+    from mipbake.stack.checking import Check
+    from mipbake.stack.stack import MipStack, open_stack
 
 __all__ = [
     "BakeOptions",
@@ -59,21 +57,36 @@ __all__ = [
     "watch_library",
 ]
 
-_MODULES = {
-    "aim": ("Sampler",),
-    "bake": ("bake",),
-    "baking": ("BakedDocument", "BakedSet", "BakeOptions", "Listener", "bake_all"),
-    "batch": ("BatchListener", "BatchOptions", "bake_library", "watch_library"),
-    "compare.checking": ("Check",),
-    "convert": ("Material", "convert", "open_material"),
-    "errors": ("InputError", "MipbakeError", "OutputError", "RendererError", "UsageError"),
-    "fitting": ("fit",),
-    "loading": ("load", "load_all"),
-    "stack": ("MipStack", "open_stack"),
-    "texture_set": ("TextureSet",),
-    "validate": ("Validation", "validate"),
+_HOMES = {
+    "BakeOptions": "baking",
+    "BakedDocument": "baking",
+    "BakedSet": "baking",
+    "BatchListener": "library",
+    "BatchOptions": "library",
+    "Check": "stack.checking",
+    "InputError": "base.errors",
+    "Listener": "baking",
+    "Material": "baking.convert",
+    "MipStack": "stack.stack",
+    "MipbakeError": "base.errors",
+    "OutputError": "base.errors",
+    "RendererError": "base.errors",
+    "Sampler": "material.aim",
+    "TextureSet": "source.texture_set",
+    "UsageError": "base.errors",
+    "Validation": "comparing.validate",
+    "bake": "baking.bake",
+    "bake_all": "baking",
+    "bake_library": "library",
+    "convert": "baking.convert",
+    "fit": "fitting",
+    "load": "source.loading",
+    "load_all": "source.loading",
+    "open_material": "baking.convert",
+    "open_stack": "stack.stack",
+    "validate": "comparing.validate",
+    "watch_library": "library",
 }
-_HOMES = {name: module for module, names in _MODULES.items() for name in names}
 """Where each name comes from. Its module is imported when the name is first used: a command loads what it needs."""
 
 
@@ -87,18 +100,3 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return sorted({*globals(), *__all__})
-
-
-class _Package(ModuleType):
-    """Keeps the functions `bake`, `convert` and `validate` where they are offered.
-
-    Python binds a module that is imported to its name in the package, and modules of these names hold the functions.
-    """
-
-    def __setattr__(self, name: str, value: object) -> None:
-        if isinstance(value, ModuleType) and _HOMES.get(name) == name:
-            value = getattr(value, name)
-        super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _Package

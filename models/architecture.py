@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.aim import DEFAULT_SAMPLER, Sampler
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
 from mipbake.material import MODELS, losses, model_named
-from mipbake.pixel_filter import Wrap
+from mipbake.material.aim import DEFAULT_SAMPLER, Sampler
+from mipbake.material.pixel_filter import Wrap
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance

@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from mipbake.aim import DEFAULT_SAMPLER, Sampler
+from mipbake.material.aim import DEFAULT_SAMPLER, Sampler
 from mipbake.models.architecture import Architecture, Baker
 
 Stacks: TypeAlias = Mapping[str, list[Tensor]]

@@ -8,8 +8,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from mipbake.material.pixel_filter import Wrap
 from mipbake.models.latent_filter import latent_weights
-from mipbake.pixel_filter import Wrap
 
 
 @lru_cache(maxsize=64)

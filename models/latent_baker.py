@@ -11,16 +11,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake import _native, directions, material, memory
-from mipbake.aim import DEFAULT_SAMPLER, Sampler
-from mipbake.material import model_named
+from mipbake import _native, material
+from mipbake.base import memory
+from mipbake.material import directions, model_named
+from mipbake.material.aim import DEFAULT_SAMPLER, Sampler
+from mipbake.material.pixel_filter import Wrap, level_sizes
 from mipbake.models import native
 from mipbake.models.architecture import Baker
 from mipbake.models.latent_config import LatentConfig
 from mipbake.models.latent_filter import latent_weights
 from mipbake.models.level_filter import checked_filter
 from mipbake.models.native import Axis, Layer, Sink, Tensors, Top
-from mipbake.pixel_filter import Wrap, level_sizes
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
 from mipbake.material import MODELS, losses
 from mipbake.models.architecture import PAPER, Architecture, Baker, Description, check_counts, layers
 
@@ -20,7 +20,7 @@ PARAMETERS = {name: model.parameters for name, model in MODELS.items()}
 """Unconstrained optimisation parameters of each material model (mipbake.models.parameters)."""
 
 LATENT_FILTERS = ("gaussian", "box", "tent", "mitchell", "blackman-harris")
-"""Kernels that latents can be downsampled with; mipbake.pixel_filter has them."""
+"""Kernels that latents can be downsampled with; mipbake.material.pixel_filter has them."""
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.pixel_filter import resample_weights
+from mipbake.material.pixel_filter import resample_weights
 
 
 def latent_weights(

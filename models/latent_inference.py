@@ -14,13 +14,15 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from mipbake import directions, material, memory
+from mipbake import material
+from mipbake.base import memory
+from mipbake.material import directions
+from mipbake.material.pixel_filter import Wrap, level_sizes
 from mipbake.models.latent_filter import latent_weights
 from mipbake.models.latent_network import LatentNetwork
 from mipbake.models.level_filter import checked_filter
 from mipbake.models.tiles import Piece, add, border_indices, pieces, tile_for
 from mipbake.models.workers import baking_on
-from mipbake.pixel_filter import Wrap, level_sizes
 
 
 def bake(

@@ -21,16 +21,16 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
-from mipbake.aim import DEFAULT_SAMPLER, Sampler
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
 from mipbake.material import convert
+from mipbake.material.aim import DEFAULT_SAMPLER, Sampler
+from mipbake.material.pixel_filter import Wrap, level_sizes
 from mipbake.models.base import Network, Patches, Stacks
 from mipbake.models.dense import SLOPE, dense
 from mipbake.models.latent import downsample
 from mipbake.models.latent_config import PARAMETERS, LatentConfig
 from mipbake.models.parameters import agreeing, to_parameters, to_stored
 from mipbake.models.tiles import extend
-from mipbake.pixel_filter import Wrap, level_sizes
 
 _VARIANCE_FLOOR = 1e-3
 """Added to the variances before whitening: a channel that is constant in the sample (metallic, often) stays finite."""

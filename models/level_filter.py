@@ -24,10 +24,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from mipbake.aim import LOOKUPS, Sampler
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
+from mipbake.material.aim import LOOKUPS, Sampler
+from mipbake.material.pixel_filter import filter_named
 from mipbake.models.architecture import Architecture
-from mipbake.pixel_filter import filter_named
 
 _BETWEEN = 1 / 60
 """What levels are sharper by because lookups lie between them. docs/research.md has what it gains in pictures; the

@@ -9,9 +9,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from mipbake.aim import Sampler
+from mipbake.material.aim import Sampler
+from mipbake.material.pixel_filter import level_sizes, resample_weights
 from mipbake.models.level_filter import sharpening, width_of
-from mipbake.pixel_filter import level_sizes, resample_weights
 
 
 def sharpened(image: Tensor, level: int, wrap: tuple[str, str]) -> Tensor:

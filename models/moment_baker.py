@@ -12,15 +12,16 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake import _native, directions, material, memory
-from mipbake.aim import DEFAULT_SAMPLER, Sampler
-from mipbake.material import MaterialModel, model_named
+from mipbake import _native, material
+from mipbake.base import memory
+from mipbake.material import MaterialModel, directions, model_named
+from mipbake.material.aim import DEFAULT_SAMPLER, Sampler
+from mipbake.material.pixel_filter import FILTERS, Wrap, level_sizes, resample_weights
 from mipbake.models import native
 from mipbake.models.architecture import Baker
 from mipbake.models.level_filter import FROM_TOP, Lookup, checked_filter, sharpening
 from mipbake.models.moment_config import MomentConfig
 from mipbake.models.native import Axis, Layer, Sink, Tensors, Top
-from mipbake.pixel_filter import FILTERS, Wrap, level_sizes, resample_weights
 
 _MOST_LEVEL = 8  # that the decoder tells apart. Not tuned: MomentNetwork.decode has the same
 _NAMED = 3  # numbers of the code that come before the pixel filter's. Not tuned: there are so many

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.aim import LOOKUPS, Sampler
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
 from mipbake.material import MODELS, Kind, MaterialModel, losses, model_named
+from mipbake.material.aim import LOOKUPS, Sampler
 from mipbake.models.architecture import PAPER, Architecture, Baker, Description, check_counts, layers
 
 if TYPE_CHECKING:

@@ -15,13 +15,15 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from mipbake import directions, material, memory
+from mipbake import material
+from mipbake.base import memory
+from mipbake.material import directions
+from mipbake.material.pixel_filter import Wrap, level_sizes, resample_weights
 from mipbake.models.level_filter import FROM_TOP, Lookup, checked_filter, sharpening
 from mipbake.models.lookup_kernel import sharpened
 from mipbake.models.moment_network import MomentNetwork, with_detail
 from mipbake.models.tiles import Piece, add, border_indices, pieces, tile_for
 from mipbake.models.workers import baking_on, in_order
-from mipbake.pixel_filter import Wrap, level_sizes, resample_weights
 
 
 def bake(

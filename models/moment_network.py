@@ -30,8 +30,9 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
-from mipbake.aim import DEFAULT_SAMPLER, Sampler
 from mipbake.material import Kind, MaterialModel, model_named
+from mipbake.material.aim import DEFAULT_SAMPLER, Sampler
+from mipbake.material.pixel_filter import FILTERS, Wrap, level_sizes
 from mipbake.models import surface
 from mipbake.models.base import Network, Stacks
 from mipbake.models.corrections import CRISP, corrected, more, output_count, output_places
@@ -42,7 +43,6 @@ from mipbake.models.moment_config import MomentConfig
 from mipbake.models.moment_statistics import feature_count, statistics
 from mipbake.models.moments import least_roughness, moment_count, moment_places, moments
 from mipbake.models.parameters import agreeing
-from mipbake.pixel_filter import FILTERS, Wrap, level_sizes
 
 _CODE = 3 + len(FILTERS)
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mipbake import _native
 from mipbake.material import MODELS, MaterialModel, most_roughness
-from mipbake.pixel_filter import Wrap
+from mipbake.material.pixel_filter import Wrap
 
 Tensors = Mapping[str, NDArray[np.float32]]
 Layer = tuple[NDArray[np.float32], NDArray[np.float32]]

@@ -27,8 +27,6 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from mipbake import directions
-from mipbake.directions import Wrap
 from mipbake.material import (
     FACTS,
     LEAST_STRENGTH,
@@ -40,9 +38,11 @@ from mipbake.material import (
     Kind,
     Lines,
     MaterialModel,
+    directions,
     model_named,
     unknown,
 )
+from mipbake.material.directions import Wrap
 
 
 class _Clamp(torch.autograd.Function):
@@ -194,7 +194,7 @@ Finder = Callable[[list[Tensor], MaterialModel, Wrap], Agreement]
 
 
 def agreement(levels: list[Tensor], model: MaterialModel, wrap: Wrap) -> Agreement:
-    """By `mipbake.directions`, on the processor."""
+    """By `mipbake.material.directions`, on the processor."""
     lines = model.lines
     assert lines is not None
     found = [level[..., lines.channels].detach().cpu().numpy() for level in levels]
@@ -221,7 +221,7 @@ def agreements_by(finder: Finder) -> Iterator[None]:
 
 
 def agreeing(levels: list[Tensor], model: str, wrap: Wrap) -> list[Tensor]:
-    """`mipbake.directions.agreeing` of (B, H_L, W_L, C) levels; signs and shares are constants.
+    """`mipbake.material.directions.agreeing` of (B, H_L, W_L, C) levels; signs and shares are constants.
 
     Differentiable: the gradients of roughness and strength meet along cuts, and are their own elsewhere.
     """

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.device import PROCESSOR
-from mipbake.errors import InputError, MipbakeError, UsageError
+from mipbake.base.device import PROCESSOR
+from mipbake.base.errors import InputError, MipbakeError, UsageError
 from mipbake.material import MODELS
 from mipbake.models.architecture import Architecture, Baker
 from mipbake.models.architectures import ARCHITECTURES
@@ -190,7 +190,7 @@ def load_baker(info: WeightsInfo, device: str = PROCESSOR) -> Baker:
 
     Args:
         info: the weights.
-        device: one that `mipbake.device.checked_device` knows.
+        device: one that `mipbake.base.device.checked_device` knows.
 
     Raises:
         InputError: the safetensors file is missing, or is not the one that was released.

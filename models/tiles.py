@@ -12,7 +12,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from mipbake.pixel_filter import Wrap
+from mipbake.material.pixel_filter import Wrap
 
 DEFAULT_TILE = 128
 """Texels on a tile's side: with its halo, what the encoder holds of it stays within a core's share of the cache."""

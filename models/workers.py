@@ -15,7 +15,7 @@ from typing import TypeVar
 
 import torch
 
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
 
 _Item = TypeVar("_Item")
 _Made = TypeVar("_Made")

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from mipbake.baking import BakeOptions
-from mipbake.batch import BatchOptions, Summary, bake_library
-from mipbake.batch import run as batch_run
-from mipbake.batch.task import Done, Task, work
+from mipbake.library import BatchOptions, Summary, bake_library
+from mipbake.library import run as batch_run
+from mipbake.library.task import Done, Task, work
 
 from .command_line import write_set
 

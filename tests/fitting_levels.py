@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mipbake.fitting.renderer import TILE, Levels, tiles_along
 from mipbake.fitting.views import View
-from mipbake.pixel_filter import level_sizes
+from mipbake.material.pixel_filter import level_sizes
 
 CHANNELS = {"base_color": 3, "metallic": 1, "roughness": 1, "normal": 3}
 """Maps of `gltf`, with how many channels each has."""

@@ -12,14 +12,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mipbake.errors import RendererError
+from mipbake.base.errors import RendererError
+from mipbake.base.leftovers import unfinished
+from mipbake.comparing.meshes import shapes
+from mipbake.comparing.meshes.camera import Camera
 from mipbake.fitting import program
 from mipbake.fitting.process import ProcessRenderer
 from mipbake.fitting.renderer import Levels
 from mipbake.fitting.views import View
-from mipbake.io.leftovers import unfinished
-from mipbake.render import environment, shapes
-from mipbake.render.camera import Camera
+from mipbake.quality import environment
 
 from .fitting_levels import stamps_of
 

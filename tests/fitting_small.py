@@ -12,7 +12,7 @@ from mipbake import MipStack, TextureSet
 from mipbake.fitting import Frame, Levels, fit
 from mipbake.fitting.parameters import Parameters
 from mipbake.fitting.renderer import new_stamps
-from mipbake.pixel_filter import filter_named
+from mipbake.material.pixel_filter import filter_named
 
 from .independent_scenes import bilinear
 from .viewer_scenes import material, stack_of

@@ -16,14 +16,14 @@ from pathlib import Path
 
 import numpy as np
 
-from mipbake.content import Provenance
-from mipbake.errors import OutputError
-from mipbake.io.containers import FORMATS
-from mipbake.io.publish import replaced_file
-from mipbake.pixel_filter import level_sizes
-from mipbake.render.mesh_render import Frame, Reference
-from mipbake.render.render_file import write_render
-from mipbake.stack import MipStack
+from mipbake.base.errors import OutputError
+from mipbake.base.publish import replaced_file
+from mipbake.comparing.meshes.mesh_render import Frame, Reference
+from mipbake.comparing.meshes.render_file import write_render
+from mipbake.material.pixel_filter import level_sizes
+from mipbake.stack.containers import FORMATS
+from mipbake.stack.content import Provenance
+from mipbake.stack.stack import MipStack
 
 SIZE = (96, 160)
 PATIENCE = 60  # seconds; it takes one, but the machine may have other work

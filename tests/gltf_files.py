@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from mipbake.io.gpu_format import GPU_FORMATS, GpuTexture, level_size
-from mipbake.io.ktx2 import encoded as ktx2_file
+from mipbake.source.images.gpu_format import GPU_FORMATS, GpuTexture, level_size
+from mipbake.source.images.ktx2 import encoded as ktx2_file
 
 from .input_files import encoded, height_field, write_image
 

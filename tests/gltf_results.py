@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from mipbake.io.gltf.document import Document, read_document
-from mipbake.io.gltf.materials import GltfBake, read_materials
-from mipbake.io.gltf.write import GltfResult, rewritten
+from mipbake.source.gltf.document import Document, read_document
+from mipbake.source.gltf.materials import GltfBake, read_materials
+from mipbake.stack.gltf.write import GltfResult, rewritten
 
 from .gltf_files import (
     GltfFile,

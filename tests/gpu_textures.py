@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from mipbake.io.blocks import to_blocks
-from mipbake.io.gpu_format import GPU_FORMATS, GpuFormat, GpuTexture
+from mipbake.source.images.blocks import to_blocks
+from mipbake.source.images.gpu_format import GPU_FORMATS, GpuFormat, GpuTexture
 
 SIZES = [(8, 8), (12, 5), (1, 9), (7, 1), (1, 1), (33, 18)]
 """(width, height): whole blocks, odd, lines of texels, one texel, more than one tile of blocks."""

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from mipbake.render import shapes
-from mipbake.render.camera import Camera
-from mipbake.render.environment import directional
+from mipbake.comparing.meshes import shapes
+from mipbake.comparing.meshes.camera import Camera
+from mipbake.quality.environment import directional
 
 from .input_files import height_field
 

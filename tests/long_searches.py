@@ -15,12 +15,12 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
-from mipbake.judging.probes import ProbeEffort
-from mipbake.prefilter.search import checkpoint, rounds, stages
-from mipbake.prefilter.search.blending import blend
-from mipbake.prefilter.search.descent_effort import DescentEffort
-from mipbake.prefilter.search.methods import Refine, Step
-from mipbake.prefilter.search.stages import Descend, Gather, Keep, Make
+from mipbake.baking.search import checkpoint, rounds, stages
+from mipbake.baking.search.blending import blend
+from mipbake.baking.search.descent_effort import DescentEffort
+from mipbake.baking.search.methods import Refine, Step
+from mipbake.baking.search.stages import Descend, Gather, Keep, Make
+from mipbake.quality.judging.probes import ProbeEffort
 
 FEW = ProbeEffort(groups=2, points=4, samples=2, pictures=8, picture_samples=2)
 SOME_ROUNDS = DescentEffort(rounds=6, pairs=8, samples=2, window=16, looks=FEW)

@@ -14,9 +14,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from mipbake import open_stack
-from mipbake.errors import OutputError
-from mipbake.io.containers import FORMATS
-from mipbake.io.oiio_levels import image_info
+from mipbake.base.errors import OutputError
+from mipbake.source.images.oiio_levels import image_info
+from mipbake.stack.containers import FORMATS
 from tests.full_disk_steps import noise_stack, render
 
 

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.render import shapes
-from mipbake.render.mesh import Mesh
+from mipbake.comparing.meshes import shapes
+from mipbake.comparing.meshes.mesh import Mesh
 
 CODES = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 5126}
 TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}

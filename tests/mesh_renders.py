@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.pixel_filter import Wrap
-from mipbake.reference.source import FilteredSource
-from mipbake.render import mesh_render
-from mipbake.render.camera import Camera
-from mipbake.render.environment import Lighting
-from mipbake.render.mesh import Mesh
-from mipbake.render.mesh_render import Frame, Passes, Reference, Shot
+from mipbake.comparing.meshes import mesh_render
+from mipbake.comparing.meshes.camera import Camera
+from mipbake.comparing.meshes.mesh import Mesh
+from mipbake.comparing.meshes.mesh_render import Frame, Passes, Reference, Shot
+from mipbake.material.pixel_filter import Wrap
+from mipbake.quality.environment import Lighting
+from mipbake.quality.reference.source import FilteredSource
 
 Image = NDArray[np.float32]
 

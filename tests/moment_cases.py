@@ -9,9 +9,9 @@ import torch
 from numpy.typing import NDArray
 
 from mipbake.material import MIN_ROUGHNESS, MODELS, Kind, lift_normal, model_named
+from mipbake.material.pixel_filter import Wrap
 from mipbake.models.moment_config import MADE, MomentConfig
 from mipbake.models.moment_network import MomentNetwork
-from mipbake.pixel_filter import Wrap
 
 TORUS: Wrap = ("wrap", "wrap")
 SMALL = MomentConfig(latent_channels=6, convolutions=2, pointwise=1, growth=5, decoder_layers=2, decoder_growth=6)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mipbake.io.mtlx.materials import MtlxMaterial, read_materialx
+from mipbake.source.mtlx.materials import MtlxMaterial, read_materialx
 
 from .input_files import pixels_for, write_image
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.pixel_filter import Taps
+from mipbake.material.pixel_filter import Taps
 
 Image = NDArray[np.float32]
 
 
 def plain_resample(image: Image, rows: Taps, columns: Taps) -> Image:
-    """(H, W, C) to (h, w, C), as mipbake.pixel_filter.resample_taps."""
+    """(H, W, C) to (h, w, C), as mipbake.material.pixel_filter.resample_taps."""
     combined = _along_rows(image, rows)
     return np.ascontiguousarray(_along_rows(combined.swapaxes(0, 1), columns).swapaxes(0, 1))
 

@@ -16,7 +16,7 @@ import signal
 import sys
 from pathlib import Path
 
-from mipbake.io import leftovers, publish, signals
+from mipbake.base import leftovers, publish, signals
 
 OURS = {contextlib.__file__, publish.__file__, leftovers.__file__, signals.__file__}
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from mipbake.judging.probes import ProbeEffort
-from mipbake.prefilter import METHODS, Prefilter
-from mipbake.prefilter.search.descent_effort import DescentEffort
-from mipbake.prefilter.search.methods import Auto, Optimum, Refine
+from mipbake.baking.methods import METHODS, Prefilter
+from mipbake.baking.search.descent_effort import DescentEffort
+from mipbake.baking.search.methods import Auto, Optimum, Refine
+from mipbake.quality.judging.probes import ProbeEffort
 
 FEW = ProbeEffort(groups=2, points=4, samples=2, pictures=8, picture_samples=2)
 NONE = DescentEffort(rounds=0, pairs=4, samples=2, looks=FEW)

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from mipbake.compare.result import SCALES, Comparison, Figure, Filmed, FilmedScene, Method, Plot, Rendered, Scene
-from mipbake.report.viewer import Source
-from mipbake.stack import MipStack
+from mipbake.comparing.result import SCALES, Comparison, Figure, Filmed, FilmedScene, Method, Plot, Rendered, Scene
+from mipbake.comparing.viewer import Source
+from mipbake.stack.stack import MipStack
 
 from .viewer_scenes import material, stack_of
 

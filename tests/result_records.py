@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from mipbake.metrics import PAIR_SETS
+from mipbake.quality.metrics import PAIR_SETS
 
 _ROOT = Path(__file__).resolve().parent.parent
 LODS = (0.0, 0.5, 1.0, 2.0, 3.0, 5.0, 7.0)

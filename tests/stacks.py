@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from mipbake.content import Provenance
 from mipbake.material import convert
-from mipbake.pixel_filter import level_sizes
-from mipbake.stack import MipStack
+from mipbake.material.pixel_filter import level_sizes
+from mipbake.stack.content import Provenance
+from mipbake.stack.stack import MipStack
 
 
 def smooth(shape: tuple[int, int], channels: int, seed: int = 0) -> np.ndarray:

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 import mipbake
-from mipbake.adjust import Adjustments, adjusted
-from mipbake.errors import UsageError
-from mipbake.io.read import read_image
-from mipbake.manifest import read_output
-from mipbake.output import Output
-from mipbake.packing import Normals
-from mipbake.stack import MipStack
-from mipbake.texture_set import TextureSet
+from mipbake.baking.adjust import Adjustments, adjusted
+from mipbake.base.errors import UsageError
+from mipbake.source.images.read import read_image
+from mipbake.source.texture_set import TextureSet
+from mipbake.stack.manifest import read_output
+from mipbake.stack.output import Output
+from mipbake.stack.packing import Normals
+from mipbake.stack.stack import MipStack
 
 from .input_files import bytes_of, height_field, write_image
 from .stacks import smooth, unit

@@ -13,9 +13,9 @@ from xml.etree import ElementTree
 
 import pytest
 
-from mipbake.judging.probes import ProbeEffort
-from mipbake.judging.weights import SEEN
-from mipbake.metrics import PAIR_SETS
+from mipbake.quality.judging.probes import ProbeEffort
+from mipbake.quality.judging.weights import SEEN
+from mipbake.quality.metrics import PAIR_SETS
 
 from .test_results import bumpy
 

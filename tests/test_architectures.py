@@ -10,9 +10,9 @@ import pytest
 import torch
 
 from mipbake import material
+from mipbake.material.pixel_filter import level_sizes
 from mipbake.models import registry
 from mipbake.models.architectures import ARCHITECTURES
-from mipbake.pixel_filter import level_sizes
 from mipbake.training import loop
 from mipbake.training.batches import draw_batch
 from mipbake.training.config import RunConfig, TrainingConfig, config_from, plain

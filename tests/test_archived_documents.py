@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 import mipbake
+from mipbake.base.errors import InputError
 from mipbake.cli.main import main
-from mipbake.errors import InputError
-from mipbake.intake import jobs
-from mipbake.io.archives import Limits
-from mipbake.io.gltf.images import image_files
-from mipbake.io.options import LoadOptions
-from mipbake.jobs import Failure, Job
+from mipbake.source.archives import Limits
+from mipbake.source.gltf.images import image_files
+from mipbake.source.intake import jobs
+from mipbake.source.jobs import Failure, Job
+from mipbake.source.options import LoadOptions
 
 from .command_line import bumps, fails, tree, write_png, write_set
 from .gltf_files import png

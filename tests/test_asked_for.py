@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from mipbake.prefilter.search.blending import gathered
-from mipbake.prefilter.search.ingredients import closed_forms, ingredient
-from mipbake.prefilter.search.methods import Auto
-from mipbake.reference.problem import Problem
+from mipbake.baking.search.blending import gathered
+from mipbake.baking.search.ingredients import closed_forms, ingredient
+from mipbake.baking.search.methods import Auto
+from mipbake.quality.reference.problem import Problem
 
 from .test_auto import SEEN_ALONE, SHORT, TINY, WEIGHTS, WRAP, material_of_two
 

@@ -20,33 +20,33 @@ import torch
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from mipbake import MipStack, TextureSet, bake, material, open_stack, sampling, shading
-from mipbake.errors import UsageError
-from mipbake.judging.judge import Asked, Judge
-from mipbake.judging.probes import ProbeEffort
-from mipbake.judging.scores import Score, Scores
-from mipbake.judging.weights import SEEN, Weight, Weights, weights_for
-from mipbake.metrics import PAIR_SETS, pair_set, snr_db
+from mipbake.baking.methods import METHODS, method_named
+from mipbake.baking.prefilter import PrefilterResult
+from mipbake.baking.search.blending import best, blend, gathered
+from mipbake.baking.search.descent_effort import DescentEffort
+from mipbake.baking.search.ingredients import closed_forms
+from mipbake.baking.search.level_fit import SeenAt, columns, fit_level
+from mipbake.baking.search.methods import Auto, Refine
+from mipbake.baking.search.regions import timed_regions
+from mipbake.baking.search.settling import settle
+from mipbake.baking.search.sitting import Sitting
+from mipbake.base.errors import UsageError
 from mipbake.models import list_weights
-from mipbake.prefilter import METHODS, method_named
-from mipbake.prefilter.base import PrefilterResult
-from mipbake.prefilter.promise import promise_from
-from mipbake.prefilter.search.blending import best, blend, gathered
-from mipbake.prefilter.search.descent_effort import DescentEffort
-from mipbake.prefilter.search.ingredients import closed_forms
-from mipbake.prefilter.search.level_fit import SeenAt, columns, fit_level
-from mipbake.prefilter.search.methods import Auto, Refine
-from mipbake.prefilter.search.regions import timed_regions
-from mipbake.prefilter.search.settling import settle
-from mipbake.prefilter.search.sitting import Sitting
-from mipbake.reference.estimate import reference
-from mipbake.reference.problem import Problem
-from mipbake.reference.sequences import random_points
-from mipbake.reference.source import FilteredSource
-from mipbake.render import candidate
-from mipbake.render.small_pictures import PIXELS
+from mipbake.quality.judging.judge import Asked, Judge
+from mipbake.quality.judging.probes import ProbeEffort
+from mipbake.quality.judging.scores import Score, Scores
+from mipbake.quality.judging.weights import SEEN, Weight, Weights, weights_for
+from mipbake.quality.metrics import PAIR_SETS, pair_set, snr_db
+from mipbake.quality.reference.estimate import reference
+from mipbake.quality.reference.problem import Problem
+from mipbake.quality.reference.sequences import random_points
+from mipbake.quality.reference.source import FilteredSource
+from mipbake.quality.round_lookups import candidate
+from mipbake.quality.small_pictures import PIXELS
 from mipbake.sampling.adjoint import scatter_linear
 from mipbake.shading.adjoint import shade_adjoint
 from mipbake.shading.ops import shade as shade_op
+from mipbake.stack.promise import promise_from
 
 from .no_default_weights import hide_defaults
 from .quick_methods import quick_methods

@@ -11,10 +11,10 @@ import pytest
 
 import mipbake
 from mipbake.baking import NotBaked, WrittenFile, bake_sources
+from mipbake.baking.methods import METHODS
 from mipbake.cli.main import main
-from mipbake.jobs import Job
-from mipbake.prefilter import METHODS
-from mipbake.stack import MipStack
+from mipbake.source.jobs import Job
+from mipbake.stack.stack import MipStack
 
 from .command_line import tree, write_set
 from .gltf_files import png

@@ -14,11 +14,11 @@ import pytest
 import mipbake
 from mipbake.baking import BakeOptions, NotBaked
 from mipbake.baking.results import BakedSet, Planned, Result, Unchanged
-from mipbake.batch import BatchOptions, Shard, bake_library
-from mipbake.batch import state as batch_state
-from mipbake.batch import task as batch_task
-from mipbake.errors import UsageError
-from mipbake.io.options import LoadOptions
+from mipbake.base.errors import UsageError
+from mipbake.library import BatchOptions, Shard, bake_library
+from mipbake.library import state as batch_state
+from mipbake.library import task as batch_task
+from mipbake.source.options import LoadOptions
 
 from .batch_inline import LINEAR, Inline, aged, bake, counts, inline_workers, only, small_library
 from .command_line import tree, write_png, write_set

@@ -16,15 +16,15 @@ import numpy as np
 import pytest
 
 from mipbake.baking import BakeOptions, NotBaked
-from mipbake.batch import BatchListener, BatchOptions, Entry, EntryResult, Summary, bake_library
-from mipbake.batch.cluster import Order, followed
-from mipbake.batch.parcels import moved
-from mipbake.batch.results import Progress
-from mipbake.batch.task import Task
+from mipbake.base.errors import InputError, UsageError
+from mipbake.base.leftovers import OLD, PARTIAL
 from mipbake.cli.main import main
-from mipbake.errors import InputError, UsageError
-from mipbake.io.leftovers import OLD, PARTIAL
-from mipbake.io.options import LoadOptions
+from mipbake.library import BatchListener, BatchOptions, Entry, EntryResult, Summary, bake_library
+from mipbake.library.cluster import Order, followed
+from mipbake.library.parcels import moved
+from mipbake.library.results import Progress
+from mipbake.library.task import Task
+from mipbake.source.options import LoadOptions
 
 from .command_line import fails, tree, write_png, write_set
 from .gltf_files import png

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from mipbake.batch import Entry, entries_below, entries_of
-from mipbake.errors import InputError
+from mipbake.base.errors import InputError
+from mipbake.library import Entry, entries_below, entries_of
 
 MAPS = ("wood_normal.png", "wood_roughness.png")
 

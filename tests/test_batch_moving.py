@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from mipbake.baking.results import Planned
-from mipbake.batch import BatchOptions, bake_library
 from mipbake.cli.main import main
+from mipbake.library import BatchOptions, bake_library
 
 from .batch_inline import LINEAR, Inline, aged, bake, counts, inline_workers, only
 from .command_line import write_png, write_set

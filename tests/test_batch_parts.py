@@ -10,10 +10,10 @@ import pytest
 
 import mipbake
 from mipbake.baking import BakeOptions
-from mipbake.batch import BatchOptions, Chosen, Shard, bake_library
-from mipbake.batch.finding import found_library
-from mipbake.batch.parts import parts_of
-from mipbake.io.options import LoadOptions
+from mipbake.library import BatchOptions, Chosen, Shard, bake_library
+from mipbake.library.finding import found_library
+from mipbake.library.parts import parts_of
+from mipbake.source.options import LoadOptions
 
 from .batch_inline import LINEAR, Inline, aged, bake, counts, inline_workers
 from .command_line import write_png

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from mipbake.baking import BakeOptions
-from mipbake.batch import read_project
-from mipbake.batch.project import COMMAND_LINE, OPTIONS, TEMPLATE, Setting
-from mipbake.errors import InputError, UsageError
-from mipbake.io.options import LoadOptions
+from mipbake.base.errors import InputError, UsageError
+from mipbake.library import read_project
+from mipbake.library.project import COMMAND_LINE, OPTIONS, TEMPLATE, Setting
+from mipbake.source.options import LoadOptions
 
 HEAD = 'library = "textures"\nout = "baked"\n'
 

@@ -11,12 +11,12 @@ from typing import Any
 import pytest
 
 from mipbake.baking import BakeOptions, sets
-from mipbake.batch import bake_library
-from mipbake.batch.library import Entry, Home
-from mipbake.batch.parcels import Parcel, baked_from
-from mipbake.batch.task import Task
-from mipbake.io.options import LoadOptions
-from mipbake.prefilter import Sitting, Stop
+from mipbake.baking.methods import Sitting, Stop
+from mipbake.library import bake_library
+from mipbake.library.listing import Entry, Home
+from mipbake.library.parcels import Parcel, baked_from
+from mipbake.library.task import Task
+from mipbake.source.options import LoadOptions
 
 from .batch_inline import Inline, aged, counts, inline_workers
 from .command_line import bumps, write_set

@@ -15,8 +15,8 @@ import pytest
 
 import mipbake
 from mipbake.baking.results import Planned
-from mipbake.batch import bake_library
-from mipbake.batch import task as batch_task
+from mipbake.library import bake_library
+from mipbake.library import task as batch_task
 
 from .batch_inline import LINEAR, Inline, aged, bake, counts, inline_workers, only, small_library
 from .command_line import tree, write_png, write_set

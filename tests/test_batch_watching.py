@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 
 from mipbake.baking import BakeOptions
-from mipbake.batch import BatchOptions, Library, bake_library, entries_below
-from mipbake.batch.state import opened
-from mipbake.batch.watching import Seen, touched, watched
 from mipbake.cli.main import main
+from mipbake.library import BatchOptions, Library, bake_library, entries_below
+from mipbake.library.state import opened
+from mipbake.library.watching import Seen, touched, watched
 
 from .command_line import fails, write_png, write_set
 

@@ -19,10 +19,10 @@ import numpy as np
 import pytest
 
 from mipbake.baking import BakeOptions
-from mipbake.batch import BatchOptions, bake_library
-from mipbake.batch.workers import Share
+from mipbake.base.leftovers import OLD, PARTIAL
 from mipbake.cli.main import main
-from mipbake.io.leftovers import OLD, PARTIAL
+from mipbake.library import BatchOptions, bake_library
+from mipbake.library.workers import Share
 
 from .command_line import fails, tree, write_png, write_set
 

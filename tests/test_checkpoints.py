@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mipbake.errors import InputError, OutputError, UsageError
-from mipbake.io.checkpoints import alone_with, write_arrays
+from mipbake.base.checkpoints import alone_with, write_arrays
+from mipbake.base.errors import InputError, OutputError, UsageError
 from mipbake.training.loop import load_state, new_state
 
 from .fitting_small import SIDE, Plain, fitted, spots

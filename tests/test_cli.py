@@ -14,17 +14,17 @@ from pathlib import Path
 import pytest
 
 import mipbake
-from mipbake import errors
+from mipbake.baking.methods import METHODS
+from mipbake.base import errors
 from mipbake.cli.bake_output import promise_lines
 from mipbake.cli.main import main
-from mipbake.content import Provenance
-from mipbake.io.containers import DEFAULT_FORMAT, FORMATS
-from mipbake.io.options import LoadOptions
-from mipbake.packing import PACKINGS
-from mipbake.pixel_filter import FILTERS
-from mipbake.prefilter import METHODS
-from mipbake.prefilter.promise import LevelPromise, Promise
-from mipbake.presets import PRESETS
+from mipbake.material.pixel_filter import FILTERS
+from mipbake.source.options import LoadOptions
+from mipbake.stack.containers import DEFAULT_FORMAT, FORMATS
+from mipbake.stack.content import Provenance
+from mipbake.stack.packing import PACKINGS
+from mipbake.stack.presets import PRESETS
+from mipbake.stack.promise import LevelPromise, Promise
 
 from .command_line import bumps, fails, tree, write_set
 

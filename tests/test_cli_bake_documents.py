@@ -12,8 +12,8 @@ import pytest
 import mipbake
 from mipbake.baking import BakeOptions
 from mipbake.cli.main import main
-from mipbake.intake import jobs
-from mipbake.io.options import LoadOptions
+from mipbake.source.intake import jobs
+from mipbake.source.options import LoadOptions
 
 from .command_line import fails, tree, write_set
 from .gltf_files import GltfFile, check_structure, many_materials, png, split

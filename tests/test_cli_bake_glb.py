@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from mipbake.cli.main import main
-from mipbake.io import ktx2
+from mipbake.source.images import ktx2
 
 from .command_line import bumps, fails, write_set
 from .gltf_files import check_structure, image_of

@@ -10,7 +10,7 @@ import pytest
 
 import mipbake
 from mipbake.cli.main import main
-from mipbake.io.read import read_image
+from mipbake.source.images.read import read_image
 
 from .command_line import fails
 from .gltf_files import check_structure

@@ -28,8 +28,8 @@ def test_help_on_all_commands_loads_none() -> None:
     assert not loaded & {
         "numpy",
         "rich",
-        "mipbake.io.read",
-        "mipbake.prefilter",
+        "mipbake.source.images.read",
+        "mipbake.baking.methods",
         *(f"mipbake.cli.{n}" for n in LOADERS),
     }
 
@@ -38,7 +38,7 @@ def test_help_on_all_commands_loads_none() -> None:
 @pytest.mark.parametrize("arguments", [("inspect", str(SET)), ("presets",)])
 def test_a_command_loads_no_methods_that_it_does_not_use(arguments: tuple[str, ...]) -> None:
     loaded = loaded_by(*arguments)
-    assert not loaded & {"torch", "mipbake.prefilter", "mipbake.compare", "mipbake.report", "mipbake.render"}
+    assert not loaded & {"torch", "mipbake.baking.methods", "mipbake.comparing", "mipbake.comparing.meshes"}
 
 
 def test_the_list_says_the_first_sentence_of_each_command() -> None:

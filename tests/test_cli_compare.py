@@ -7,10 +7,10 @@ import numpy as np
 import OpenImageIO
 import pytest
 
-from mipbake.aim import ANISOTROPIC
+from mipbake.base.errors import UsageError
 from mipbake.cli.main import main
-from mipbake.compare.film_figures import film_measures
-from mipbake.errors import UsageError
+from mipbake.comparing.film_figures import film_measures
+from mipbake.material.aim import ANISOTROPIC
 
 from .command_line import bumps, fails, tree, write_set
 
@@ -80,7 +80,7 @@ def test_a_condition_on_a_film_needs_its_judge(folder, tmp_path, capsys, monkeyp
     def missing():
         raise UsageError("a film is judged by ColorVideoVDP, which is not installed: type 'pip'")
 
-    monkeypatch.setattr("mipbake.compare.comparing.check_color_video_vdp", missing)
+    monkeypatch.setattr("mipbake.comparing.comparison.check_color_video_vdp", missing)
     given = ["compare", folder, "-o", tmp_path / "r", *FILMS, *FEW]
     assert "type 'pip'" in fails(capsys, 2, *given, "--fail-if", "film_floor.jod_37 < 9")
     for condition in ("film_floor.jod_37 < 9", "film_floor.flip < 9"):

@@ -10,12 +10,12 @@ import OpenImageIO
 import pytest
 
 import mipbake
+from mipbake.baking.methods import METHODS
 from mipbake.cli.main import main
-from mipbake.io.containers import FORMATS
-from mipbake.jobs import Job
-from mipbake.pixel_filter import FILTERS
-from mipbake.prefilter import METHODS
-from mipbake.stack import MipStack
+from mipbake.material.pixel_filter import FILTERS
+from mipbake.source.jobs import Job
+from mipbake.stack.containers import FORMATS
+from mipbake.stack.stack import MipStack
 
 from .command_line import bumps, fails, tree, write_png, write_set
 

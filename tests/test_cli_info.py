@@ -11,10 +11,10 @@ import pytest
 import zstandard
 
 from mipbake.cli.main import main
-from mipbake.glb import Encoded
-from mipbake.io import ktx2 as container
-from mipbake.io.gltf.quad import QuadOptions, standalone
-from mipbake.io.gpu_format import GPU_FORMATS, GpuTexture
+from mipbake.source.images import ktx2 as container
+from mipbake.source.images.gpu_format import GPU_FORMATS, GpuTexture
+from mipbake.stack.gltf.glb import Encoded
+from mipbake.stack.gltf.quad import QuadOptions, standalone
 
 from .command_line import fails, write_set
 from .gltf_files import GltfFile, ktx2, png

@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from mipbake.io.file_info import file_info
+from mipbake.stack.file_info import file_info
 
 from .command_line import fails, write_set
 from .test_cli_bake_documents import bake

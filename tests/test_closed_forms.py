@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from mipbake import material
-from mipbake.pixel_filter import FILTERS, Wrap, filtered_levels, resample
-from mipbake.prefilter import METHODS
-from mipbake.prefilter.rules import averages, bands, vmf
-from mipbake.prefilter.rules.closed_form import chain
-from mipbake.prefilter.rules.form import Form, Part, Whole
+from mipbake.baking.methods import METHODS
+from mipbake.baking.rules import averages, bands, vmf
+from mipbake.baking.rules.closed_form import chain
+from mipbake.baking.rules.form import Form, Part, Whole
+from mipbake.material.pixel_filter import FILTERS, Wrap, filtered_levels, resample
 
 from .stacks import constant, gltf_level
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mipbake._colour_science import colour_science
-from mipbake.errors import UsageError
-from mipbake.io import colour
-from mipbake.io.colour import canonical_colour_space, decode
-from mipbake.io.colour_spaces import COLOUR_SPACES
+from mipbake.base import colour
+from mipbake.base.colour import canonical_colour_space, decode
+from mipbake.base.colour_science import colour_science
+from mipbake.base.colour_spaces import COLOUR_SPACES
+from mipbake.base.errors import UsageError
 
 
 @pytest.mark.parametrize("name", COLOUR_SPACES)

@@ -9,8 +9,8 @@ import pytest
 
 import mipbake
 from mipbake import OutputError, TextureSet, UsageError
-from mipbake.aim import ANISOTROPIC, Sampler
-from mipbake.compare.candidates import (
+from mipbake.baking.methods import METHODS
+from mipbake.comparing.candidates import (
     BAKED,
     bake_all,
     check_asked,
@@ -21,11 +21,11 @@ from mipbake.compare.candidates import (
     mismatch,
     opened,
 )
-from mipbake.compare.cautions import limits, made_for_others
-from mipbake.compare.result import Method
-from mipbake.compare.texture_space import MeasureEffort, measure
-from mipbake.prefilter import METHODS
-from mipbake.render.samplers import render_sampler
+from mipbake.comparing.cautions import limits, made_for_others
+from mipbake.comparing.result import Method
+from mipbake.material.aim import ANISOTROPIC, Sampler
+from mipbake.quality.samplers import render_sampler
+from mipbake.quality.texture_space import MeasureEffort, measure
 
 from .no_default_weights import hide_defaults
 

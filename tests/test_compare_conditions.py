@@ -10,8 +10,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from mipbake import UsageError
-from mipbake.compare.conditions import EXAMPLE, GRAMMAR, Condition, parse
-from mipbake.compare.result import SCALES, Comparison, Figure, Method
+from mipbake.comparing.conditions import EXAMPLE, GRAMMAR, Condition, parse
+from mipbake.comparing.result import SCALES, Comparison, Figure, Method
 
 NAN = math.nan
 

@@ -12,24 +12,24 @@ import numpy as np
 import pytest
 
 from mipbake import shading
-from mipbake.aim import ANISOTROPIC, TRILINEAR
-from mipbake.compare import pictures
-from mipbake.compare.candidates import Candidate
-from mipbake.compare.pictures import SHIFT, RenderedView, RenderSettings, render_view
-from mipbake.compare.plots import apparent_brdf, half_pixel_shift, temporal_slice
-from mipbake.compare.result import Method
-from mipbake.compare.scenes import EXPOSURE, View, median_lod, mesh_views, shifted, standard_views
-from mipbake.compare.turning import Turning
-from mipbake.errors import InputError, UsageError
-from mipbake.metrics import MEASURES, srgb_encode
-from mipbake.metrics.images import displayed
-from mipbake.pixel_filter import level_sizes
-from mipbake.prefilter import METHODS
-from mipbake.reference.source import FilteredSource
-from mipbake.render import shapes
-from mipbake.render.environment import directional
-from mipbake.render.mesh import Mesh
-from mipbake.render.samplers import render_sampler
+from mipbake.baking.methods import METHODS
+from mipbake.base.errors import InputError, UsageError
+from mipbake.comparing import pictures
+from mipbake.comparing.candidates import Candidate
+from mipbake.comparing.meshes import shapes
+from mipbake.comparing.meshes.mesh import Mesh
+from mipbake.comparing.pictures import SHIFT, RenderedView, RenderSettings, render_view
+from mipbake.comparing.plots import apparent_brdf, half_pixel_shift, temporal_slice
+from mipbake.comparing.result import Method
+from mipbake.comparing.scenes import EXPOSURE, View, median_lod, mesh_views, shifted, standard_views
+from mipbake.comparing.turning import Turning
+from mipbake.material.aim import ANISOTROPIC, TRILINEAR
+from mipbake.material.pixel_filter import level_sizes
+from mipbake.quality.environment import directional
+from mipbake.quality.metrics import MEASURES, srgb_encode
+from mipbake.quality.metrics.images import displayed
+from mipbake.quality.reference.source import FilteredSource
+from mipbake.quality.samplers import render_sampler
 
 from .mesh_renders import candidate, reference
 

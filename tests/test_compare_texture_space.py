@@ -9,22 +9,15 @@ import numpy as np
 import pytest
 
 from mipbake import TextureSet, UsageError, shading
-from mipbake.compare.candidates import Candidate, bake_all
-from mipbake.compare.result import Figure, Method
-from mipbake.compare.texture_space import MeasureEffort, TextureSpace, curve_lods, measure, scale_lods
-from mipbake.metrics import (
-    MEASURES,
-    PAIR_SETS,
-    snr_from_sums,
-    snr_interval,
-    snr_sums,
-    tonemapped_error,
-)
-from mipbake.reference.estimate import reference
-from mipbake.reference.pair_sets import weighted_pair_set
-from mipbake.reference.sequences import random_points
-from mipbake.reference.source import FilteredSource
-from mipbake.render import candidate
+from mipbake.comparing.candidates import Candidate, bake_all
+from mipbake.comparing.result import Figure, Method
+from mipbake.quality.metrics import MEASURES, PAIR_SETS, snr_from_sums, snr_interval, snr_sums, tonemapped_error
+from mipbake.quality.reference.estimate import reference
+from mipbake.quality.reference.pair_sets import weighted_pair_set
+from mipbake.quality.reference.sequences import random_points
+from mipbake.quality.reference.source import FilteredSource
+from mipbake.quality.round_lookups import candidate
+from mipbake.quality.texture_space import MeasureEffort, TextureSpace, curve_lods, measure, scale_lods
 
 
 def flat(height: int, width: int, base: np.ndarray | float = 0.5) -> TextureSet:

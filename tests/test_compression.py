@@ -16,16 +16,16 @@ import pytest
 
 import mipbake
 from mipbake.baking import Listener, bake_sources
-from mipbake.compare.compression import chosen, cost
-from mipbake.compare.costs import COVERAGE_LIMIT, LIMIT, Cost, Coverage
-from mipbake.io.containers import FORMATS, format_named
-from mipbake.manifest import read_output
-from mipbake.metrics import PAIR_SETS
-from mipbake.output import GLB_TEXELS, Output
-from mipbake.presets import PRESETS
-from mipbake.stack import MipStack
-from mipbake.texture_set import TextureSet
-from mipbake.timings import Timings
+from mipbake.base.timings import Timings
+from mipbake.quality.metrics import PAIR_SETS
+from mipbake.source.texture_set import TextureSet
+from mipbake.stack.compression import chosen, cost
+from mipbake.stack.containers import FORMATS, format_named
+from mipbake.stack.costs import COVERAGE_LIMIT, LIMIT, Cost, Coverage
+from mipbake.stack.manifest import read_output
+from mipbake.stack.output import GLB_TEXELS, Output
+from mipbake.stack.presets import PRESETS
+from mipbake.stack.stack import MipStack
 
 from .command_line import bumps, write_set
 from .gltf_files import GltfFile

@@ -10,15 +10,15 @@ import numpy as np
 import OpenImageIO
 import pytest
 
-from mipbake.errors import InputError
-from mipbake.io.containers import DEFAULT_FORMAT, FORMATS, format_named
-from mipbake.io.file_info import file_info
-from mipbake.io.gpu_files import GpuFile
-from mipbake.io.layout import FileLayout
-from mipbake.manifest import read_output
-from mipbake.output import Output
-from mipbake.packing import SEPARATE
-from mipbake.stack import MipStack, open_stack
+from mipbake.base.errors import InputError
+from mipbake.source.layout import FileLayout
+from mipbake.stack.containers import DEFAULT_FORMAT, FORMATS, format_named
+from mipbake.stack.file_info import file_info
+from mipbake.stack.gpu_files import GpuFile
+from mipbake.stack.manifest import read_output
+from mipbake.stack.output import Output
+from mipbake.stack.packing import SEPARATE
+from mipbake.stack.stack import MipStack, open_stack
 
 from .gpu_textures import halved, line_psnr, openimageio_levels, psnr, read_ktx2
 from .stacks import made_stack

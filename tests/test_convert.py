@@ -12,11 +12,11 @@ import pytest
 
 import mipbake
 from mipbake import material
+from mipbake.baking.convert import TARGETS, check_material_output
+from mipbake.base.errors import InputError, OutputError, UsageError
 from mipbake.cli.main import main
-from mipbake.convert import TARGETS, check_material_output
-from mipbake.errors import InputError, OutputError, UsageError
-from mipbake.io.containers import IMAGE_FORMATS
-from mipbake.io.options import LoadOptions
+from mipbake.source.options import LoadOptions
+from mipbake.stack.containers import IMAGE_FORMATS
 
 from .command_line import bumps, fails, tree, write_set
 
@@ -104,7 +104,7 @@ def test_what_a_model_cannot_hold_is_brought_into_its_range() -> None:
 
 
 def made_up(model: str, stored: np.ndarray) -> mipbake.Material:
-    from mipbake.convert import Conversion
+    from mipbake.baking.convert import Conversion
 
     return mipbake.Material("m", model, stored, {}, ("wrap", "wrap"), Conversion("gltf"))
 

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import mipbake
-from mipbake._srgb import srgb_to_linear
+from mipbake.base.errors import InputError
+from mipbake.base.srgb import srgb_to_linear
 from mipbake.cli.main import main
-from mipbake.errors import InputError
-from mipbake.io.read import read_header, read_image
+from mipbake.source.images.read import read_header, read_image
 
 from .gltf_files import GltfFile
 from .input_files import bytes_of, encoded, write_image

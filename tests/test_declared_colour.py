@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import mipbake
-from mipbake._colour_science import colour_science
-from mipbake.io.colour import LINEAR
+from mipbake.base.colour import LINEAR
+from mipbake.base.colour_science import colour_science
 
 from .input_files import write_image
 

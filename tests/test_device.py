@@ -13,20 +13,21 @@ import torch
 from numpy.typing import NDArray
 
 import mipbake
-from mipbake.device import checked_device
-from mipbake.errors import UsageError
+from mipbake.baking import neural
+from mipbake.baking.methods import OPTIONS, method_named
+from mipbake.baking.neural import Neural
+from mipbake.baking.search.methods import Searching
+from mipbake.base.device import checked_device
+from mipbake.base.errors import UsageError
 from mipbake.material import convert, model_named
+from mipbake.material.pixel_filter import level_sizes
 from mipbake.models import tiles
 from mipbake.models.base import Network
 from mipbake.models.latent_config import LatentConfig
 from mipbake.models.level_filter import FROM_TOP
 from mipbake.models.registry import list_weights, load_baker, load_network
 from mipbake.models.workers import baking_on, in_order
-from mipbake.pixel_filter import level_sizes
-from mipbake.prefilter import OPTIONS, method_named, neural
-from mipbake.prefilter.neural import Neural
-from mipbake.prefilter.search.methods import Searching
-from mipbake.reference.problem import Problem
+from mipbake.quality.reference.problem import Problem
 
 from .baked_levels import off
 from .command_line import fails, write_set

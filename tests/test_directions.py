@@ -8,15 +8,16 @@ import numpy as np
 import pytest
 import torch
 
-from mipbake import directions, material
-from mipbake.metrics.pairs import pair_set
+from mipbake import material
+from mipbake.baking.methods import METHODS
+from mipbake.material import directions
+from mipbake.material.pixel_filter import filtered_levels
 from mipbake.models import parameters
-from mipbake.pixel_filter import filtered_levels
-from mipbake.prefilter import METHODS
-from mipbake.reference.estimate import reference
-from mipbake.reference.source import FilteredSource
-from mipbake.render import candidate
-from mipbake.texture_set import TextureSet
+from mipbake.quality.metrics.pairs import pair_set
+from mipbake.quality.reference.estimate import reference
+from mipbake.quality.reference.source import FilteredSource
+from mipbake.quality.round_lookups import candidate
+from mipbake.source.texture_set import TextureSet
 
 from .stacks import gltf_level, smooth
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mipbake.errors import InputError, UsageError
-from mipbake.io.discover import find
-from mipbake.io.names import classify, interpretations
-from mipbake.io.options import CARRIED, ROLES, LoadOptions
+from mipbake.base.errors import InputError, UsageError
+from mipbake.source.discover import find
+from mipbake.source.names import classify, interpretations
+from mipbake.source.options import CARRIED, ROLES, LoadOptions
 
 from .input_files import encoded, height_field, pixels_for, plain_set, write_image, write_set
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from mipbake.errors import InputError, UsageError
-from mipbake.io.discover import find
-from mipbake.io.options import LoadOptions
+from mipbake.base.errors import InputError, UsageError
+from mipbake.source.discover import find
+from mipbake.source.options import LoadOptions
 
 from .input_files import pixels_for, plain_set, write_image, write_set
 

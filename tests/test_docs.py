@@ -14,10 +14,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from mipbake.bake import DEFAULT_METHOD
-from mipbake.io.layout import PROJECT
-from mipbake.prefilter import METHODS
-from mipbake.render import environment, mesh_render
+from mipbake.baking.bake import DEFAULT_METHOD
+from mipbake.baking.methods import METHODS
+from mipbake.comparing.meshes import mesh_render
+from mipbake.quality import environment
+from mipbake.source.layout import PROJECT
 
 from .quick_methods import quick_methods
 

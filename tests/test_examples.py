@@ -10,8 +10,8 @@ import pytest
 
 import mipbake
 from mipbake import shading
-from mipbake.metrics import PAIR_SETS
-from mipbake.prefilter import METHODS
+from mipbake.baking.methods import METHODS
+from mipbake.quality.metrics import PAIR_SETS
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 _SPEC = importlib.util.spec_from_file_location("examples_generate", EXAMPLES / "generate.py")

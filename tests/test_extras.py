@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from mipbake._extras import EXTRAS, check_extra, extra, told_of
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
+from mipbake.base.extras import EXTRAS, check_extra, extra, told_of
 
 BLOCKED = sorted(module for packages in EXTRAS.values() for module in packages)
 SCRIPT = f"""

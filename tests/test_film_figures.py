@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mipbake.compare import film_figures as module
-from mipbake.compare.film_figures import FilmFigures, ShownReference, film_figures, film_measures
-from mipbake.compare.films import FRAMES_PER_SECOND
-from mipbake.metrics import MEASURES, color_video_vdp, displayed, film_exposure, ldr_flip
-from mipbake.render.film import FilmReference
+from mipbake.comparing import film_figures as module
+from mipbake.comparing.film_figures import FilmFigures, ShownReference, film_figures, film_measures
+from mipbake.comparing.films import FRAMES_PER_SECOND
+from mipbake.comparing.meshes.film import FilmReference
+from mipbake.quality.metrics import MEASURES, color_video_vdp, displayed, film_exposure, ldr_flip
 
 from .test_metrics_films import needs_cvvdp
 

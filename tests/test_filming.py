@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mipbake.aim import Sampler
-from mipbake.compare import cautions, filming
-from mipbake.compare.filming import RESOLVED_SHARE, UNSEEN, FilmSettings, film, films_of
-from mipbake.compare.films import FilmScene
-from mipbake.compare.pictures import RenderSettings
-from mipbake.compare.result import Figure, Filmed
-from mipbake.metrics import MEASURES, displayed
-from mipbake.render import shapes
-from mipbake.render.film import film_candidate
+from mipbake.comparing import cautions, filming
+from mipbake.comparing.filming import RESOLVED_SHARE, UNSEEN, FilmSettings, film, films_of
+from mipbake.comparing.films import FilmScene
+from mipbake.comparing.meshes import shapes
+from mipbake.comparing.meshes.film import film_candidate
+from mipbake.comparing.pictures import RenderSettings
+from mipbake.comparing.result import Figure, Filmed
+from mipbake.material.aim import Sampler
+from mipbake.quality.metrics import MEASURES, displayed
 
 from .test_compare_renders import LIGHTS, baked, bumpy, constant, filtered
 
@@ -47,7 +47,7 @@ def values(figures: tuple[Figure, ...], method: str) -> dict[str, float]:
 @pytest.fixture(autouse=True)
 def unjudged(monkeypatch: pytest.MonkeyPatch) -> None:
     """What is tested here does not hang on ColorVideoVDP, which takes its time."""
-    monkeypatch.setattr("mipbake.compare.film_figures.missing_judge", lambda: "not installed")
+    monkeypatch.setattr("mipbake.comparing.film_figures.missing_judge", lambda: "not installed")
 
 
 def test_films_are_no_higher_than_renders_and_keep_their_shape() -> None:

@@ -11,16 +11,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mipbake.aim import Sampler
-from mipbake.compare.films import FilmScene, Motion, mesh_films, standard_films
-from mipbake.errors import UsageError
-from mipbake.pixel_filter import level_sizes
-from mipbake.reference.source import FilteredSource
-from mipbake.render import shapes
-from mipbake.render.environment import directional
-from mipbake.render.film import Film, FilmReference, FilmSampling, film_candidate, film_reference
-from mipbake.render.mesh_render import Cache, candidate
-from mipbake.render.samplers import jitter
+from mipbake.base.errors import UsageError
+from mipbake.comparing.films import FilmScene, Motion, mesh_films, standard_films
+from mipbake.comparing.meshes import shapes
+from mipbake.comparing.meshes.film import Film, FilmReference, FilmSampling, film_candidate, film_reference
+from mipbake.comparing.meshes.mesh_render import Cache, candidate
+from mipbake.material.aim import Sampler
+from mipbake.material.pixel_filter import level_sizes
+from mipbake.quality.environment import directional
+from mipbake.quality.reference.source import FilteredSource
+from mipbake.quality.samplers import jitter
 
 WRAP = ("wrap", "wrap")
 LIGHTS = directional("two", [[0.3, 0.8, 0.6], [-0.5, 0.6, 0.4]], [[2.0, 1.8, 1.5], [0.3, 0.5, 0.9]])

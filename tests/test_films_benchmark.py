@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from mipbake.aim import Sampler
+from mipbake.material.aim import Sampler
 
 from .test_results import bumpy
 
@@ -30,7 +30,7 @@ def films(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     script = importlib.import_module("films")
     monkeypatch.setattr(script, "ACCUMULATED", METHODS[:2])
     monkeypatch.setattr(script, "check_color_video_vdp", lambda: None)
-    monkeypatch.setattr("mipbake.compare.film_figures.missing_judge", lambda: "not installed")
+    monkeypatch.setattr("mipbake.comparing.film_figures.missing_judge", lambda: "not installed")
     return script
 
 

@@ -13,15 +13,15 @@ import numpy as np
 import pytest
 
 from mipbake import stochastic
-from mipbake.content import Provenance
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
 from mipbake.fitting import Frame, Levels, Progress, fit, standard_views
 from mipbake.fitting.kernels import TorchRenderer
 from mipbake.fitting.parameters import Parameters
 from mipbake.fitting.renderer import new_stamps
 from mipbake.fitting.supersampled import supersampled
 from mipbake.material import MODELS
-from mipbake.stack import MipStack
+from mipbake.stack.content import Provenance
+from mipbake.stack.stack import MipStack
 
 from .fitting_small import (
     KERNEL,

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mipbake.errors import InputError, OutputError, RendererError, UsageError
+from mipbake.base.errors import InputError, OutputError, RendererError, UsageError
 from mipbake.fitting import Frame, Progress, fit
 
 from .fitting_small import SIDE, Plain, Spot, fitted, same, spots, start

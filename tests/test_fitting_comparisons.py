@@ -7,9 +7,9 @@ import re
 import numpy as np
 import pytest
 
-from mipbake._srgb import linear_to_srgb
+from mipbake.base.srgb import linear_to_srgb
 from mipbake.fitting.comparisons import ERRORS, comparisons, joined
-from mipbake.metrics.images import film_exposure
+from mipbake.quality.metrics.images import film_exposure
 
 from .fitting_small import fitted
 

@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mipbake._srgb import linear_to_srgb, srgb_to_linear
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
+from mipbake.base.srgb import linear_to_srgb, srgb_to_linear
+from mipbake.comparing.meshes import shapes
+from mipbake.comparing.meshes.camera import Camera
 from mipbake.fitting.gl import MAX_LIGHTS, SHADERS, GlRenderer, shipped_shader
 from mipbake.fitting.renderer import Levels
 from mipbake.fitting.views import View
 from mipbake.material import COLOUR, MODELS, SIGNED
-from mipbake.render import shapes
-from mipbake.render.camera import Camera
-from mipbake.render.environment import directional
+from mipbake.quality.environment import directional
 
 from . import independent_scenes as scenes
 from .fitting_levels import check_tiles, stamps_of

@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mipbake.errors import RendererError, UsageError
+from mipbake.base.errors import RendererError, UsageError
+from mipbake.comparing.meshes.visible import Surface
 from mipbake.fitting import SCALES, Levels, View, standard_views
 from mipbake.fitting.kernels import TorchRenderer
 from mipbake.fitting.parameters import Parameters
 from mipbake.fitting.renderer import new_stamps
 from mipbake.fitting.supersampled import supersampled
 from mipbake.material import MODELS
-from mipbake.pixel_filter import filter_named, level_sizes
-from mipbake.render.visible import Surface
+from mipbake.material.pixel_filter import filter_named, level_sizes
 
 from .fitting_small import source_levels, texture_set
 from .viewer_scenes import material, stack_of

@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
+from mipbake.comparing.meshes.mesh_gltf import read_gltf
 from mipbake.fitting import program
 from mipbake.fitting.exchange import MemoryExchange
 from mipbake.fitting.process import ProcessRenderer
 from mipbake.fitting.protocol import JsonView
 from mipbake.fitting.renderer import Levels
 from mipbake.fitting.views import View
-from mipbake.render.mesh_gltf import read_gltf
 
 from . import fitting_programs as programs
 from .fitting_levels import by_tiles, noisy, stamped

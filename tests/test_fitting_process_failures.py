@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from mipbake.errors import RendererError
+from mipbake.base.errors import RendererError
 from mipbake.fitting.process import ProcessRenderer
 
 from . import fitting_programs as programs

@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mipbake.errors import InputError
+from mipbake.base.errors import InputError
+from mipbake.comparing.meshes import shapes
+from mipbake.comparing.meshes.camera import Camera
 from mipbake.fitting.process import ProcessRenderer
 from mipbake.fitting.protocol import read_views
 from mipbake.fitting.renderer import Levels
 from mipbake.fitting.views import View
-from mipbake.render import environment, shapes
-from mipbake.render.camera import Camera
+from mipbake.quality import environment
 
 from . import fitting_programs as programs
 from .fitting_levels import stamps_of

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from mipbake import MipStack
-from mipbake.errors import RendererError, UsageError
+from mipbake.base.errors import RendererError, UsageError
 from mipbake.fitting import Frame, Levels, fit, standard_views
 from mipbake.fitting.kernels import TorchRenderer
 from mipbake.fitting.loop import FitSettings

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mipbake.errors import RendererError
+from mipbake.base.errors import RendererError
 from mipbake.fitting import Levels, fit
 from mipbake.fitting.renderer import TILE, new_stamps, rectangles, tiles_along
 from mipbake.fitting.stamps import Stamps, tiles_of
-from mipbake.pixel_filter import level_sizes
+from mipbake.material.pixel_filter import level_sizes
 
 from .fitting_levels import noisy, stamps_of
 from .fitting_small import SIDE, Plain, Spot, start

@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mipbake._srgb import srgb_to_linear
-from mipbake.errors import RendererError, UsageError
+from mipbake.base.errors import RendererError, UsageError
+from mipbake.base.srgb import srgb_to_linear
+from mipbake.comparing.meshes.camera import orbit
+from mipbake.comparing.meshes.shapes import material_ball, plane, sphere
 from mipbake.fitting.renderer import Levels
 from mipbake.fitting.supersampled import supersampled
 from mipbake.fitting.three import MATERIALS, ThreeRenderer, three_folder
 from mipbake.fitting.views import View
-from mipbake.pixel_filter import filter_named, level_sizes
-from mipbake.render.camera import orbit
-from mipbake.render.environment import directional
-from mipbake.render.shapes import material_ball, plane, sphere
+from mipbake.material.pixel_filter import filter_named, level_sizes
+from mipbake.quality.environment import directional
 
 from .fitting_levels import check_tiles, noisy, stamped, stamps_of
 from .mesh_renders import candidate

@@ -8,12 +8,12 @@ import re
 import numpy as np
 import pytest
 
-from mipbake.prefilter.search import forecast
-from mipbake.prefilter.search.forecast import FEWEST, Forecast, cost_of_round
-from mipbake.prefilter.search.methods import REFINING
-from mipbake.prefilter.search.regions import timed_regions
-from mipbake.prefilter.search.sitting import spoken_time
-from mipbake.reference.problem import Problem
+from mipbake.baking.search import forecast
+from mipbake.baking.search.forecast import FEWEST, Forecast, cost_of_round
+from mipbake.baking.search.methods import REFINING
+from mipbake.baking.search.regions import timed_regions
+from mipbake.baking.search.sitting import spoken_time
+from mipbake.quality.reference.problem import Problem
 
 PROBLEM = Problem(np.zeros((2048, 1024, 8), np.float32), "gltf", "gltf", "gaussian", ("wrap", "wrap"))
 REGIONS = list(timed_regions(PROBLEM, REFINING.window, True))

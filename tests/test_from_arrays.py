@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mipbake.errors import InputError, UsageError
-from mipbake.texture_set import TextureSet
+from mipbake.base.errors import InputError, UsageError
+from mipbake.source.texture_set import TextureSet
 
 from .input_files import height_field, pixels_for
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mipbake.io.containers import FORMATS
+from mipbake.stack.containers import FORMATS
 
 from .command_line import write_set
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mipbake.prefilter.search.gauss_newton import System, accepted, signs
+from mipbake.baking.search.gauss_newton import System, accepted, signs
 
 BLOCKS, UNKNOWNS = 5, 3
 FREE = np.full(UNKNOWNS, -np.inf), np.full(UNKNOWNS, np.inf)

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from mipbake.io.gltf.document import read_document
-from mipbake.io.gltf.materials import read_materials
+from mipbake.source.gltf.document import read_document
+from mipbake.source.gltf.materials import read_materials
 
 from .gltf_files import GltfFile, png
 from .gltf_results import two_textures

@@ -10,10 +10,10 @@ from typing import Any
 
 import pytest
 
-from mipbake.errors import InputError, OutputError
-from mipbake.io.gltf import container
-from mipbake.io.gltf.document import read_document, view_bytes
-from mipbake.io.gltf.images import image_bytes
+from mipbake.base.errors import InputError, OutputError
+from mipbake.source.gltf import container
+from mipbake.source.gltf.document import read_document, view_bytes
+from mipbake.source.gltf.images import image_bytes
 
 from .gltf_files import GltfFile, glb, many_materials, png
 

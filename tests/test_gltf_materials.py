@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mipbake._srgb import srgb_to_linear
-from mipbake.errors import InputError
-from mipbake.io.discover import find
-from mipbake.io.gltf.document import read_document
-from mipbake.io.gltf.materials import GltfBake, GltfMaterials, read_materials
-from mipbake.io.read import read_image
-from mipbake.texture_set import load
+from mipbake.base.errors import InputError
+from mipbake.base.srgb import srgb_to_linear
+from mipbake.source.discover import find
+from mipbake.source.gltf.document import read_document
+from mipbake.source.gltf.materials import GltfBake, GltfMaterials, read_materials
+from mipbake.source.images.read import read_image
+from mipbake.source.texture_set import load
 
 from .gltf_files import (
     BASE,

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mipbake.errors import InputError
+from mipbake.base.errors import InputError
 
 from .gltf_files import GltfFile, ktx2, png
 from .input_files import write_image

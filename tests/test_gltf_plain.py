@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 
 import mipbake
-from mipbake.errors import InputError
-from mipbake.glb import multiple_of_side
-from mipbake.glb_plain import averaged
-from mipbake.io.blocks import from_blocks
-from mipbake.io.colour import srgb_to_linear
-from mipbake.io.gltf.document import read_document
-from mipbake.io.gltf.materials import GltfMaterials, read_materials
-from mipbake.io.gltf.plain import PlainTexture
-from mipbake.io.ktx2 import decoded
-from mipbake.io.read import read_image
-from mipbake.pixel_filter import filtered_levels
+from mipbake.base.colour import srgb_to_linear
+from mipbake.base.errors import InputError
+from mipbake.material.pixel_filter import filtered_levels
+from mipbake.source.gltf.document import read_document
+from mipbake.source.gltf.materials import GltfMaterials, read_materials
+from mipbake.source.gltf.plain import PlainTexture
+from mipbake.source.images.blocks import from_blocks
+from mipbake.source.images.ktx2 import decoded
+from mipbake.source.images.read import read_image
+from mipbake.stack.gltf.glb import multiple_of_side
+from mipbake.stack.gltf.glb_plain import averaged
 
 from .gltf_files import GltfFile, check_structure, image_of, png
 from .input_files import plain_set, write_image

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mipbake.errors import UsageError
-from mipbake.io.gltf.document import read_document
-from mipbake.io.gltf.quad import SLOTS, QuadOptions, standalone
-from mipbake.render.mesh_file import read_mesh
+from mipbake.base.errors import UsageError
+from mipbake.comparing.meshes.mesh_file import read_mesh
+from mipbake.source.gltf.document import read_document
+from mipbake.stack.gltf.quad import SLOTS, QuadOptions, standalone
 
 from .gltf_files import check_structure, image_of, ktx2, png
 

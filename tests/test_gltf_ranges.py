@@ -9,19 +9,19 @@ import numpy as np
 import pytest
 
 import mipbake
-from mipbake.compare.compression import chosen, cost
-from mipbake.compare.costs import LIMIT
-from mipbake.compare.ranges import chosen_ranges
-from mipbake.glb import encoded, output, square
-from mipbake.io import ktx2 as ktx2_file
-from mipbake.io.gltf.document import read_document
-from mipbake.io.gltf.quad import QuadOptions, standalone
-from mipbake.io.gltf.ranges import LEAST_SCALE, Ranges, roughness_factor, scale_within, usual_ranges
-from mipbake.io.gltf.write import GltfResult, rewritten
-from mipbake.io.map_files import MapFile
-from mipbake.output import GLB_TEXELS
-from mipbake.stack import MipStack
-from mipbake.texture_set import TextureSet
+from mipbake.source.gltf.document import read_document
+from mipbake.source.images import ktx2 as ktx2_file
+from mipbake.source.texture_set import TextureSet
+from mipbake.stack.compression import chosen, cost
+from mipbake.stack.costs import LIMIT
+from mipbake.stack.gltf.glb import encoded, output, square
+from mipbake.stack.gltf.quad import QuadOptions, standalone
+from mipbake.stack.gltf.ranges import LEAST_SCALE, Ranges, roughness_factor, scale_within, usual_ranges
+from mipbake.stack.gltf.write import GltfResult, rewritten
+from mipbake.stack.map_files import MapFile
+from mipbake.stack.output import GLB_TEXELS
+from mipbake.stack.ranges import chosen_ranges
+from mipbake.stack.stack import MipStack
 
 from .gltf_files import GltfFile, check_structure, image_of, ktx2, png
 from .gltf_results import opened, two_textures

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from mipbake.errors import InputError
-from mipbake.io.gltf.document import read_document
+from mipbake.base.errors import InputError
+from mipbake.source.gltf.document import read_document
 
 from .gltf_files import GltfFile, png
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from mipbake.io.gltf.write import GltfResult, rewritten
+from mipbake.stack.gltf.write import GltfResult, rewritten
 
 from .gltf_files import (
     check_structure,

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from mipbake.errors import InputError, UsageError
-from mipbake.io.gltf.document import read_document
-from mipbake.io.gltf.materials import read_materials
-from mipbake.io.gltf.write import GltfResult, rewritten
+from mipbake.base.errors import InputError, UsageError
+from mipbake.source.gltf.document import read_document
+from mipbake.source.gltf.materials import read_materials
+from mipbake.stack.gltf.write import GltfResult, rewritten
 
 from .gltf_files import (
     APART,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mipbake.prefilter import METHODS
+from mipbake.baking.methods import METHODS
 
 from .golden import record
 

@@ -8,9 +8,9 @@ import struct
 import numpy as np
 import pytest
 
-from mipbake.io import bc7, dds, ktx2
-from mipbake.io.blocks import from_blocks, to_blocks
-from mipbake.io.gpu_format import GPU_FORMATS, GpuFormat, GpuTexture
+from mipbake.source.images import bc7, dds, ktx2
+from mipbake.source.images.blocks import from_blocks, to_blocks
+from mipbake.source.images.gpu_format import GPU_FORMATS, GpuFormat, GpuTexture
 
 from .gpu_textures import (
     CHANNELS,

@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mipbake.errors import InputError, OutputError
-from mipbake.io import dds, ktx2
-from mipbake.io.blocks import from_blocks
-from mipbake.io.gpu_format import GPU_FORMATS, GpuTexture
-from mipbake.io.publish import replaced_file
+from mipbake.base.errors import InputError, OutputError
+from mipbake.base.publish import replaced_file
+from mipbake.source.images import dds, ktx2
+from mipbake.source.images.blocks import from_blocks
+from mipbake.source.images.gpu_format import GPU_FORMATS, GpuTexture
 
 from .gpu_textures import texture
 

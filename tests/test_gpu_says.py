@@ -11,10 +11,10 @@ import pytest
 
 import mipbake
 from mipbake.cli.main import main
-from mipbake.io import dds, ktx2
-from mipbake.io.blocks import to_blocks
-from mipbake.io.gpu_format import GPU_FORMATS, READ_FORMATS, GpuTexture
-from mipbake.io.read import read_header, read_image
+from mipbake.source.images import dds, ktx2
+from mipbake.source.images.blocks import to_blocks
+from mipbake.source.images.gpu_format import GPU_FORMATS, READ_FORMATS, GpuTexture
+from mipbake.source.images.read import read_header, read_image
 
 from .input_files import encoded, height_field, plain_set
 from .test_other_images import basis, smooth

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mipbake.pixel_filter import level_sizes
-from mipbake.render import shapes
-from mipbake.render.camera import Camera
-from mipbake.render.mesh import Mesh
+from mipbake.comparing.meshes import shapes
+from mipbake.comparing.meshes.camera import Camera
+from mipbake.comparing.meshes.mesh import Mesh
+from mipbake.material.pixel_filter import level_sizes
 
 from . import independent_scenes as scenes
 from .mesh_renders import candidate

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from mipbake.errors import InputError
-from mipbake.io.inputs import expand, kind
-from mipbake.io.read import IMAGE_SUFFIXES
+from mipbake.base.errors import InputError
+from mipbake.source.images.read import IMAGE_SUFFIXES
+from mipbake.source.inputs import expand, kind
 
 from .input_files import plain_set
 

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mipbake.judging.judge import GROUPS, Asked, Judge
-from mipbake.judging.probes import ProbeEffort
-from mipbake.judging.scores import Errors, Score, Scores
-from mipbake.judging.weights import SEEN, TERMS, Weight, Weights, weights_for
-from mipbake.metrics.pairs import PAIR_SETS
-from mipbake.reference.problem import Problem
+from mipbake.quality.judging.judge import GROUPS, Asked, Judge
+from mipbake.quality.judging.probes import ProbeEffort
+from mipbake.quality.judging.scores import Errors, Score, Scores
+from mipbake.quality.judging.weights import SEEN, TERMS, Weight, Weights, weights_for
+from mipbake.quality.metrics.pairs import PAIR_SETS
+from mipbake.quality.reference.problem import Problem
 
 SETS, GROUP_COUNT, POOLED, PICTURES = len(PAIR_SETS), 12, 5, 4
 WEIGHTS = weights_for(0.5)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mipbake.judging.pairs import KINDS, draw_pairs, draw_pool
-from mipbake.metrics import PAIR_SETS
+from mipbake.quality.judging.pairs import KINDS, draw_pairs, draw_pool
+from mipbake.quality.metrics import PAIR_SETS
 
 
 def test_bright_pairs_stand_for_the_sets_that_they_come_from() -> None:

@@ -7,21 +7,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mipbake.aim import TRILINEAR, Sampler
-from mipbake.compare.candidates import Candidate
-from mipbake.compare.result import Method
-from mipbake.compare.texture_space import MeasureEffort, measure
-from mipbake.judging.probes import ProbeEffort
-from mipbake.judging.scores import Scores
-from mipbake.metrics.pairs import LightViewPairs
-from mipbake.prefilter.search.lookups import Lookups
-from mipbake.prefilter.search.pixel_samples import Chunk, common_pairs, estimates
-from mipbake.prefilter.search.rounds import Drawn, gradients_of
-from mipbake.reference.estimate import bilinear, estimate
-from mipbake.reference.lighting import GroupPairs
-from mipbake.reference.problem import Problem, covered
-from mipbake.reference.samples import Pixels
-from mipbake.render.samplers import jitter
+from mipbake.baking.search.lookups import Lookups
+from mipbake.baking.search.pixel_samples import Chunk, common_pairs, estimates
+from mipbake.baking.search.rounds import Drawn, gradients_of
+from mipbake.comparing.candidates import Candidate
+from mipbake.comparing.result import Method
+from mipbake.material.aim import TRILINEAR, Sampler
+from mipbake.quality.judging.probes import ProbeEffort
+from mipbake.quality.judging.scores import Scores
+from mipbake.quality.metrics.pairs import LightViewPairs
+from mipbake.quality.reference.estimate import bilinear, estimate
+from mipbake.quality.reference.lighting import GroupPairs
+from mipbake.quality.reference.problem import Problem, covered
+from mipbake.quality.reference.samples import Pixels
+from mipbake.quality.samplers import jitter
+from mipbake.quality.texture_space import MeasureEffort, measure
 from mipbake.shading import shade
 
 from .test_compare_candidates import noisy

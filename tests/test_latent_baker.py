@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 import torch
 
-from mipbake.aim import DEFAULT_SAMPLER
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
 from mipbake.material import MODELS, convert
+from mipbake.material.aim import DEFAULT_SAMPLER
+from mipbake.material.pixel_filter import Wrap, level_sizes
 from mipbake.models.latent_baker import LatentBaker
 from mipbake.models.latent_config import LATENT_FILTERS, LatentConfig
 from mipbake.models.latent_inference import bake_levels
 from mipbake.models.latent_network import LatentNetwork
 from mipbake.models.registry import list_weights, load_baker, load_network
-from mipbake.pixel_filter import Wrap, level_sizes
 
 from .baked_levels import off
 from .moment_cases import TORUS, bumpy, of_model

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from mipbake.metrics.pairs import NEAR_MIRROR_SPREAD, cosine_directions, near_mirror_lights
-from mipbake.reference import lobes
+from mipbake.quality.metrics.pairs import NEAR_MIRROR_SPREAD, cosine_directions, near_mirror_lights
+from mipbake.quality.reference import lobes
 
 
 def sphere(count: int) -> np.ndarray:

@@ -16,13 +16,13 @@ import pytest
 
 import mipbake
 from mipbake.baking import Listener, bake_sources
+from mipbake.baking.methods import PrefilterResult
+from mipbake.baking.search import checkpoint
+from mipbake.baking.search.checkpoint import Checkpoint, discard
+from mipbake.baking.search.sitting import Sitting, Stop, never
+from mipbake.base import checkpoints
+from mipbake.base.errors import UsageError
 from mipbake.cli.bake_stopping import Stopping
-from mipbake.errors import UsageError
-from mipbake.io import checkpoints
-from mipbake.prefilter import PrefilterResult
-from mipbake.prefilter.search import checkpoint
-from mipbake.prefilter.search.checkpoint import Checkpoint, discard
-from mipbake.prefilter.search.sitting import Sitting, Stop, never
 
 from .command_line import bumps, write_set
 from .long_searches import SOME_ROUNDS, ManyRegions, with_many_regions, without_pauses
@@ -169,9 +169,9 @@ def test_a_damaged_checkpoint_costs_time_alone(tmp_path: Path, whole: PrefilterR
 def _windows() -> Any:
     from functools import partial
 
-    from mipbake.prefilter.search.keeping import windows_in
-    from mipbake.prefilter.search.regions import timed_regions
-    from mipbake.reference.problem import Problem
+    from mipbake.baking.search.keeping import windows_in
+    from mipbake.baking.search.regions import timed_regions
+    from mipbake.quality.reference.problem import Problem
 
     problem = Problem(STORED, "gltf", "gltf", "gaussian", WRAP)
     return partial(windows_in, problem, list(timed_regions(problem, SOME_ROUNDS.window, True, 8)))
@@ -395,7 +395,7 @@ def test_a_program_stops_a_search_and_goes_on(tmp_path: Path, monkeypatch: pytes
 
 
 def test_auto_without_a_budget_is_neither_kept_nor_stopped(tmp_path: Path) -> None:
-    from mipbake.prefilter.search.methods import Auto
+    from mipbake.baking.search.methods import Auto
 
     assert not Auto().long and Auto(budget="1h").long
     assert not isinstance(Auto().steps, ManyRegions)

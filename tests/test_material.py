@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mipbake import material
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
 from mipbake.shading import shade
 
 

@@ -15,16 +15,26 @@ import numpy as np
 import pytest
 import torch
 
-from mipbake import directions
-from mipbake.compare.cautions import limits
-from mipbake.io.layout import ENCODINGS, LAYOUTS
-from mipbake.material import FACTS, MODELS, Kind, MaterialModel, ModelMap, convert, losses, regularise, unknown
+from mipbake.baking.methods import METHODS
+from mipbake.baking.search import texel_coordinates
+from mipbake.comparing.cautions import limits
+from mipbake.comparing.viewer import texel_bytes, viewer_fragment
+from mipbake.material import (
+    FACTS,
+    MODELS,
+    Kind,
+    MaterialModel,
+    ModelMap,
+    convert,
+    directions,
+    losses,
+    regularise,
+    unknown,
+)
 from mipbake.models import parameters
 from mipbake.models.latent_config import PARAMETERS, LatentConfig
-from mipbake.prefilter import METHODS
-from mipbake.prefilter.search import texel_coordinates
-from mipbake.report.viewer import texel_bytes, viewer_fragment
 from mipbake.shading import models, reference
+from mipbake.source.layout import ENCODINGS, LAYOUTS
 from mipbake.training import augmentation
 from mipbake.training.config import AUGMENTED
 
@@ -271,11 +281,11 @@ def test_augmentation_takes_a_model_or_refuses_it(name: str) -> None:
 
 BY_NAME = {
     "mipbake/fitting/gl.py": (1, "names of shaders, of which one shades as glTF says"),
-    "mipbake/intake.py": (1, "kinds of inputs, of which one is a glTF document"),
-    "mipbake/io/inputs.py": (2, "kinds of inputs, of which one is a glTF document"),
-    "mipbake/presets.py": (1, "what engines read is a fact about engines"),
+    "mipbake/source/intake.py": (1, "kinds of inputs, of which one is a glTF document"),
+    "mipbake/source/inputs.py": (2, "kinds of inputs, of which one is a glTF document"),
+    "mipbake/stack/presets.py": (1, "what engines read is a fact about engines"),
     "mipbake/shading/reference.py": (4, "the list of plain twins; a test compares it with the list of models"),
-    "mipbake/prefilter/search/pixel_samples.py": (1, "PLAIN, which steers the search whatever the target is"),
+    "mipbake/baking/search/pixel_samples.py": (1, "PLAIN, which steers the search whatever the target is"),
     "training/captured.py": (1, "MODEL, of the sets that are made there"),
     "training/procedural.py": (1, "MODEL, of the sets that are made there"),
 }

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import mipbake
-from mipbake.io.mtlx.materials import read_materialx
-from mipbake.io.mtlx.shaders import SHADERS
+from mipbake.source.mtlx.materials import read_materialx
+from mipbake.source.mtlx.shaders import SHADERS
 
 from .input_files import pixels_for, write_image
 from .mtlx_documents import document, image, link, material, node, only, short, surface, value, write_textures

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 import mipbake
-from mipbake.errors import InputError
-from mipbake.io.mtlx.materials import read_materialx
-from mipbake.io.mtlx.shaders import SHADERS
+from mipbake.base.errors import InputError
+from mipbake.source.mtlx.materials import read_materialx
+from mipbake.source.mtlx.shaders import SHADERS
 
 from .mtlx_documents import document, image, link, material, node, only, short, surface, value, write_textures
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 import mipbake
-from mipbake.errors import InputError
-from mipbake.io.mtlx.materials import read_materialx
+from mipbake.base.errors import InputError
+from mipbake.source.mtlx.materials import read_materialx
 
 from .input_files import pixels_for, write_image
 from .mtlx_documents import document, image, link, material, node, only, short, surface, value, write_textures

@@ -13,11 +13,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mipbake import _native, memory
+from mipbake import _native
+from mipbake.baking.methods import METHODS
+from mipbake.base import memory
+from mipbake.base.errors import OutputError, UsageError
 from mipbake.cli.main import main
-from mipbake.errors import OutputError, UsageError
-from mipbake.io.containers import FORMATS
-from mipbake.prefilter import METHODS
+from mipbake.stack.containers import FORMATS
 
 from .command_line import fails, tree, write_set
 from .input_files import encoded, height_field

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mipbake.errors import InputError
-from mipbake.render import shapes
-from mipbake.render.mesh import Mesh
-from mipbake.render.mesh_file import read_mesh
+from mipbake.base.errors import InputError
+from mipbake.comparing.meshes import shapes
+from mipbake.comparing.meshes.mesh import Mesh
+from mipbake.comparing.meshes.mesh_file import read_mesh
 
 from .mesh_files import CORNERS, QUAD, SHAPES, Gltf, attributes_of, quad, same
 

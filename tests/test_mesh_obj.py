@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mipbake.errors import InputError
-from mipbake.render import shapes
-from mipbake.render.mesh import Mesh
-from mipbake.render.mesh_file import read_mesh
-from mipbake.render.tangents import with_tangents
+from mipbake.base.errors import InputError
+from mipbake.comparing.meshes import shapes
+from mipbake.comparing.meshes.mesh import Mesh
+from mipbake.comparing.meshes.mesh_file import read_mesh
+from mipbake.comparing.meshes.tangents import with_tangents
 
 from .mesh_files import SHAPES, obj_text, same
 

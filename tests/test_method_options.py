@@ -5,18 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mipbake.aim import ANISOTROPIC
-from mipbake.errors import UsageError
-from mipbake.judging.probes import ProbeEffort
+from mipbake.baking.methods import METHODS, OPTIONS, method_named
+from mipbake.baking.neural import Neural
+from mipbake.baking.search.descent_effort import DescentEffort
+from mipbake.baking.search.methods import REFINE_SECONDS, Auto, Optimum, Refine, Searching
+from mipbake.baking.search.stages import Descend
+from mipbake.baking.search.time_budget import seconds_of
+from mipbake.base.errors import UsageError
 from mipbake.material import MODELS, convert
+from mipbake.material.aim import ANISOTROPIC
+from mipbake.material.pixel_filter import FILTERS
 from mipbake.models import list_weights
-from mipbake.pixel_filter import FILTERS
-from mipbake.prefilter import METHODS, OPTIONS, method_named
-from mipbake.prefilter.neural import Neural
-from mipbake.prefilter.search.descent_effort import DescentEffort
-from mipbake.prefilter.search.methods import REFINE_SECONDS, Auto, Optimum, Refine, Searching
-from mipbake.prefilter.search.stages import Descend
-from mipbake.prefilter.search.time_budget import seconds_of
+from mipbake.quality.judging.probes import ProbeEffort
 
 
 def test_budgets_are_seconds_minutes_hours_or_best() -> None:

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from mipbake.aim import DEFAULT_AIM
-from mipbake.judging.weights import SEEN, TERMS, weights_for
+from mipbake.material.aim import DEFAULT_AIM
+from mipbake.quality.judging.weights import SEEN, TERMS, weights_for
 
 PAGE = (Path(__file__).resolve().parent.parent / "docs" / "method.md").read_text(encoding="utf-8")
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mipbake.errors import UsageError
-from mipbake.metrics import PAIR_SETS, pair_set, snr_db
-from mipbake.metrics.snr import MAX_SNR_DB
+from mipbake.base.errors import UsageError
+from mipbake.quality.metrics import PAIR_SETS, pair_set, snr_db
+from mipbake.quality.metrics.snr import MAX_SNR_DB
 
 
 @pytest.mark.parametrize("name", PAIR_SETS)

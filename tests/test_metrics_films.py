@@ -16,8 +16,8 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from mipbake.errors import UsageError
-from mipbake.metrics import (
+from mipbake.base.errors import UsageError
+from mipbake.quality.metrics import (
     PERFECT_JOD,
     check_color_video_vdp,
     color_video_vdp,
@@ -27,7 +27,7 @@ from mipbake.metrics import (
     flicker_snr_db,
     srgb_encode,
 )
-from mipbake.metrics import cvvdp_package as door
+from mipbake.quality.metrics import cvvdp_package as door
 
 ROOT = Path(__file__).resolve().parent.parent
 Film = NDArray[np.float32]

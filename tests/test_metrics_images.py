@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mipbake.errors import UsageError
-from mipbake.metrics import (
+from mipbake.base.errors import UsageError
+from mipbake.quality.metrics import (
     MEASURES,
     NITS_PER_UNIT,
     PIXELS_PER_DEGREE,
@@ -26,7 +26,7 @@ from mipbake.metrics import (
     structural_similarity,
     tonemapped_error,
 )
-from mipbake.metrics.images import displayed, tonemap_slope, tonemapped
+from mipbake.quality.metrics.images import displayed, tonemap_slope, tonemapped
 
 from .flip_of_the_paper import flip_of_the_paper
 
@@ -413,7 +413,7 @@ def test_too_much_and_too_little_flicker_are_as_bad() -> None:
 def test_colour_science_leaves_in_silence() -> None:
     lines = (
         "import OpenImageIO, torch",
-        "from mipbake._colour_science import colour_science",
+        "from mipbake.base.colour_science import colour_science",
         'colour_science("a test")',
     )
     done = subprocess.run([sys.executable, "-c", "; ".join(lines)], capture_output=True, text=True, check=True)

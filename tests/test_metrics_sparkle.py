@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mipbake.metrics import false_sparkle
+from mipbake.quality.metrics import false_sparkle
 
 
 def test_false_sparkle_by_hand() -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mipbake.errors import UsageError
-from mipbake.metrics import (
+from mipbake.base.errors import UsageError
+from mipbake.quality.metrics import (
     MAX_SNR_DB,
     bootstrap,
     flicker_interval,

@@ -16,10 +16,10 @@ import pytest
 import torch
 
 from mipbake import material
-from mipbake.errors import InputError, UsageError
+from mipbake.base.errors import InputError, UsageError
+from mipbake.material.pixel_filter import FILTERS
 from mipbake.models.architectures import ARCHITECTURES
 from mipbake.models.registry import find_weights, load_network
-from mipbake.pixel_filter import FILTERS
 from mipbake.training import batches, loop
 from mipbake.training.balanced_loss import BalancedBatch, rendered
 from mipbake.training.config import TrainingConfig, config_from, plain, read_config

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from mipbake import _native, raster, sampling, shading
-from mipbake._aligned import aligned, contiguous
+from mipbake.base.aligned import aligned, contiguous
 from mipbake.sampling.adjoint import scatter_linear
 from mipbake.shading import ops
 from mipbake.shading.adjoint import shade_adjoint

@@ -13,8 +13,9 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from mipbake.errors import InputError, UsageError
+from mipbake.base.errors import InputError, UsageError
 from mipbake.material import MIN_ROUGHNESS, MODELS, convert, lift_normal
+from mipbake.material.pixel_filter import FILTERS, level_sizes
 from mipbake.models import registry
 from mipbake.models.latent import downsample
 from mipbake.models.latent_config import LATENT_FILTERS, PARAMETERS, LatentConfig
@@ -22,7 +23,6 @@ from mipbake.models.latent_inference import bake_levels
 from mipbake.models.latent_network import LatentNetwork, Whitening
 from mipbake.models.moment_config import MomentConfig
 from mipbake.models.parameters import clamp, to_parameters, to_stored
-from mipbake.pixel_filter import FILTERS, level_sizes
 
 torch.set_num_threads(1)  # small tensors: a second thread costs more than it brings, above all beside other processes
 

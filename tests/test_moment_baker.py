@@ -12,15 +12,15 @@ import pytest
 import torch
 
 from mipbake import _native
-from mipbake.aim import SAMPLERS, Sampler
 from mipbake.material import convert
+from mipbake.material.aim import SAMPLERS, Sampler
+from mipbake.material.pixel_filter import FILTERS, Wrap, level_sizes
 from mipbake.models.level_filter import Lookup
 from mipbake.models.moment_baker import MomentBaker
 from mipbake.models.moment_config import MADE, MomentConfig
 from mipbake.models.moment_inference import bake_levels
 from mipbake.models.moment_network import MomentNetwork
 from mipbake.models.registry import list_weights, load_baker, load_network
-from mipbake.pixel_filter import FILTERS, Wrap, level_sizes
 
 from .baked_levels import off
 from .moment_cases import ANISOTROPIC, TORUS, bumpy, config_of, of_model, trained_like

@@ -8,23 +8,22 @@ import numpy as np
 import pytest
 import torch
 
-from mipbake import directions
-from mipbake.aim import Sampler
-from mipbake.errors import UsageError
-from mipbake.material import MODELS, Kind, convert
-from mipbake.metrics import PAIR_SETS, pair_set, snr_db
+from mipbake.baking.rules.linear import Linear
+from mipbake.baking.rules.unreal import UNREAL
+from mipbake.base.errors import UsageError
+from mipbake.material import MODELS, Kind, convert, directions
+from mipbake.material.aim import Sampler
+from mipbake.material.pixel_filter import FILTERS, Wrap, filtered_levels, level_sizes
 from mipbake.models.level_filter import width_of
 from mipbake.models.lookup_kernel import periodic_levels, periodic_matrices, sharpened, sharpening
 from mipbake.models.moment_config import FEATURES, MomentConfig, features
 from mipbake.models.moment_inference import Lookup, bake, bake_levels
 from mipbake.models.moment_network import MomentNetwork
-from mipbake.pixel_filter import FILTERS, Wrap, filtered_levels, level_sizes
-from mipbake.prefilter.rules.linear import Linear
-from mipbake.prefilter.rules.unreal import UNREAL
-from mipbake.reference.estimate import reference
-from mipbake.reference.sequences import random_points
-from mipbake.reference.source import FilteredSource
-from mipbake.render import candidate
+from mipbake.quality.metrics import PAIR_SETS, pair_set, snr_db
+from mipbake.quality.reference.estimate import reference
+from mipbake.quality.reference.sequences import random_points
+from mipbake.quality.reference.source import FilteredSource
+from mipbake.quality.round_lookups import candidate
 
 from .moment_cases import ANISOTROPIC, READ, SMALL, TORUS, bumpy, config_of, of_model, trained_like
 

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 import torch
 
+from mipbake.baking.rules.lean import Lean
 from mipbake.material import MODELS, Kind, MaterialModel, convert, model_named
+from mipbake.material.pixel_filter import filtered_levels
 from mipbake.models.channels import count, parts
 from mipbake.models.corrections import Outputs
 from mipbake.models.moment_statistics import Statistics, feature_count
 from mipbake.models.moment_statistics import statistics as statistics_of
 from mipbake.models.moments import Moments, moment_count, moment_places
 from mipbake.models.moments import moments as moments_of
-from mipbake.pixel_filter import filtered_levels
-from mipbake.prefilter.rules.lean import Lean
 
 from .moment_cases import SMALL, TORUS, bumpy, of_model
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from mipbake.batch import task
 from mipbake.cli.main import main
+from mipbake.library import task
 
 from .command_line import fails, tree, write_set
 from .gltf_files import png

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mipbake.errors import InputError
-from mipbake.io.colour import LINEAR, canonical_colour_space
-from mipbake.io.colour_names import RAW, split_colour_space
-from mipbake.io.discover import find
-from mipbake.io.names import classify, colour_space_of, interpretations
-from mipbake.io.options import LoadOptions
+from mipbake.base.colour import LINEAR, canonical_colour_space
+from mipbake.base.errors import InputError
+from mipbake.source.discover import find
+from mipbake.source.images.colour_names import RAW, split_colour_space
+from mipbake.source.names import classify, colour_space_of, interpretations
+from mipbake.source.options import LoadOptions
 
 from .input_files import pixels_for, plain_set, write_image, write_set
 

@@ -9,16 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mipbake.errors import InputError
-from mipbake.io.normal import (
-    decode_normals,
-    integrability,
-    length_resolution,
-    lost_variance,
-    normalised,
-    tiles,
-)
-from mipbake.texture_set import load
+from mipbake.base.errors import InputError
+from mipbake.source.normal import decode_normals, integrability, length_resolution, lost_variance, normalised, tiles
+from mipbake.source.texture_set import load
 
 from .input_files import bytes_of, encoded, height_field, pixels_for, plain_set, write_image
 

@@ -20,7 +20,7 @@ from torch import Tensor
 from torch._subclasses.fake_tensor import FakeTensorMode
 
 import mipbake.nvdiffrast as dr
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
 
 POS = torch.tensor([[[-0.9, -0.9, 0, 1], [0.9, -0.9, 0, 1], [-0.9, 0.9, 0, 1]]])
 TRI = torch.tensor([[0, 1, 2]], dtype=torch.int32)
@@ -254,6 +254,6 @@ def test_the_module_loads_without_torch() -> None:
     script = "import sys; sys.modules['torch'] = None; import mipbake.nvdiffrast as dr; dr.RasterizeGLContext()"
     run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert run.stderr.splitlines()[-1] == (
-        "mipbake.errors.UsageError: RasterizeGLContext needs torch, which mipbake's extra `train` brings: "
+        "mipbake.base.errors.UsageError: RasterizeGLContext needs torch, which mipbake's extra `train` brings: "
         'python -m pip install "mipbake[train]"'
     )

@@ -14,7 +14,7 @@ from torch import Tensor
 
 import mipbake.nvdiffrast as dr
 from mipbake import raster, sampling
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
 
 DOCUMENTED = {
     "RasterizeCudaContext": "device=None",

@@ -11,11 +11,11 @@ import pytest
 import torch
 
 from mipbake import raster, sampling, shading
-from mipbake.batch.task import unforeseen
+from mipbake.base.errors import UsageError
 from mipbake.cli.main import main
-from mipbake.errors import UsageError
-from mipbake.jobs import Job
+from mipbake.library.task import unforeseen
 from mipbake.shading import ops
+from mipbake.source.jobs import Job
 
 from .command_line import fails
 from .input_files import plain_set

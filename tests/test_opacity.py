@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import mipbake
+from mipbake.baking.methods import method_named
 from mipbake.material import MODELS
-from mipbake.opacity import keeping_coverage, opacity_of, premultiplied, shown
-from mipbake.pixel_filter import FILTERS, filtered_levels
-from mipbake.prefilter import method_named
-from mipbake.texture_set import TextureSet
+from mipbake.material.pixel_filter import FILTERS, filtered_levels
+from mipbake.source.opacity import keeping_coverage, opacity_of, premultiplied, shown
+from mipbake.source.texture_set import TextureSet
 
 from .input_files import height_field
 from .stacks import smooth, unit

@@ -16,25 +16,25 @@ import numpy as np
 import pytest
 
 from mipbake import material
-from mipbake.aim import ANISOTROPIC, TRILINEAR, Sampler
-from mipbake.errors import UsageError
-from mipbake.judging.probes import ProbeEffort
-from mipbake.judging.scores import Scores
-from mipbake.judging.weights import SEEN, SINGLE_LIGHTS, TERMS, Weight, Weights, weights_for
-from mipbake.metrics import PAIR_SETS, pair_set, snr_db
-from mipbake.pixel_filter import level_sizes
-from mipbake.prefilter import method_named
-from mipbake.prefilter.search import crops, picture_samples, texel_coordinates, texel_descent
-from mipbake.prefilter.search.blending import best
-from mipbake.prefilter.search.descent_effort import DescentEffort
-from mipbake.prefilter.search.ingredients import closed_forms
-from mipbake.prefilter.search.methods import Optimum
-from mipbake.prefilter.search.regions import timed_regions
-from mipbake.prefilter.search.stages import Clock, Descend, Gather, Keep, Make, Search, Stage, Work
-from mipbake.reference.estimate import bilinear, reference
-from mipbake.reference.problem import Problem, Region, whole
-from mipbake.reference.sequences import random_points
-from mipbake.render import candidate
+from mipbake.baking.methods import method_named
+from mipbake.baking.search import crops, picture_samples, texel_coordinates, texel_descent
+from mipbake.baking.search.blending import best
+from mipbake.baking.search.descent_effort import DescentEffort
+from mipbake.baking.search.ingredients import closed_forms
+from mipbake.baking.search.methods import Optimum
+from mipbake.baking.search.regions import timed_regions
+from mipbake.baking.search.stages import Clock, Descend, Gather, Keep, Make, Search, Stage, Work
+from mipbake.base.errors import UsageError
+from mipbake.material.aim import ANISOTROPIC, TRILINEAR, Sampler
+from mipbake.material.pixel_filter import level_sizes
+from mipbake.quality.judging.probes import ProbeEffort
+from mipbake.quality.judging.scores import Scores
+from mipbake.quality.judging.weights import SEEN, SINGLE_LIGHTS, TERMS, Weight, Weights, weights_for
+from mipbake.quality.metrics import PAIR_SETS, pair_set, snr_db
+from mipbake.quality.reference.estimate import bilinear, reference
+from mipbake.quality.reference.problem import Problem, Region, whole
+from mipbake.quality.reference.sequences import random_points
+from mipbake.quality.round_lookups import candidate
 
 from .stacks import constant
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from mipbake._extras import EXTRAS
+from mipbake.base.extras import EXTRAS
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "docs"))

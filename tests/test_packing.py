@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import mipbake
-from mipbake.errors import UsageError
-from mipbake.io.layout import LAYOUTS, extra_layout, to_file
-from mipbake.output import Output
-from mipbake.packing import PACKINGS, Normals, PackedFile, Piece, pack, source_files, unpacked
-from mipbake.pixel_filter import level_sizes
+from mipbake.base.errors import UsageError
+from mipbake.material.pixel_filter import level_sizes
+from mipbake.source.layout import LAYOUTS, extra_layout, to_file
+from mipbake.stack.output import Output
+from mipbake.stack.packing import PACKINGS, Normals, PackedFile, Piece, pack, source_files, unpacked
 
 from . import packed_sets
 from .gpu_textures import openimageio_levels

@@ -7,10 +7,10 @@ import pytest
 
 import mipbake
 from mipbake import TextureSet
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
 from mipbake.material import convert
-from mipbake.metrics import PAIR_SETS, LightViewPairs, pair_set
-from mipbake.reference.pair_sets import weighted_pair_set
+from mipbake.quality.metrics import PAIR_SETS, LightViewPairs, pair_set
+from mipbake.quality.reference.pair_sets import weighted_pair_set
 
 
 def glossy(size: int = 16) -> TextureSet:

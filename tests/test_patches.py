@@ -72,7 +72,7 @@ def replaced(source: str) -> list[str]:
     ("source", "found"),
     [
         ('monkeypatch.setattr(publish, "_exchanged", lambda: None)', "publish._exchanged"),
-        ('monkeypatch.setattr("mipbake.io.publish._exchanged", None)', "mipbake.io.publish._exchanged"),
+        ('monkeypatch.setattr("mipbake.base.publish._exchanged", None)', "mipbake.base.publish._exchanged"),
         ('monkeypatch.setattr("mipbake._native.texture", None)', "mipbake._native.texture"),
         ('monkeypatch.setattr(Stages, "__call__", None)', "Stages.__call__"),
         ('monkeypatch.delattr(io.publish, "_exchanged")', "publish._exchanged"),
@@ -127,10 +127,10 @@ def used(source: str) -> list[str]:
 @pytest.mark.parametrize(
     ("source", "found"),
     [
-        ("from mipbake.io.publish import _exchanged", "_exchanged"),
+        ("from mipbake.base.publish import _exchanged", "_exchanged"),
         ("assert publish._exchanged(a, b)", "publish._exchanged"),
         ("adam = FlatAdam(network)._adam.defaults", "FlatAdam(network)._adam"),
-        ("from mipbake._stream import current_stream", ""),
+        ("from mipbake.base.stream import current_stream", ""),
         ("from mipbake import _native", ""),
         ("self._names = cls.__name__", ""),
         ("os._exit(1)", ""),

@@ -7,18 +7,18 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from mipbake.aim import ANISOTROPIC, TRILINEAR, Sampler
-from mipbake.judging.judge import Asked, Judge
-from mipbake.judging.probes import ProbeEffort
-from mipbake.judging.scores import Scores
-from mipbake.judging.shown import KINDS_SHOWN
-from mipbake.judging.weights import SEEN, TERMS, Weight, Weights
-from mipbake.metrics.visible import WEIGHT, bands
-from mipbake.prefilter.search.level_fit import SeenAt, columns, fit_level
-from mipbake.prefilter.search.picture_samples import PictureChunk, picture_chunks, picture_slopes
-from mipbake.reference.estimate import bilinear
-from mipbake.reference.problem import Problem, whole
-from mipbake.render.small_pictures import PIXELS
+from mipbake.baking.search.level_fit import SeenAt, columns, fit_level
+from mipbake.baking.search.picture_samples import PictureChunk, picture_chunks, picture_slopes
+from mipbake.material.aim import ANISOTROPIC, TRILINEAR, Sampler
+from mipbake.quality.judging.judge import Asked, Judge
+from mipbake.quality.judging.probes import ProbeEffort
+from mipbake.quality.judging.scores import Scores
+from mipbake.quality.judging.shown import KINDS_SHOWN
+from mipbake.quality.judging.weights import SEEN, TERMS, Weight, Weights
+from mipbake.quality.metrics.visible import WEIGHT, bands
+from mipbake.quality.reference.estimate import bilinear
+from mipbake.quality.reference.problem import Problem, whole
+from mipbake.quality.small_pictures import PIXELS
 
 from .test_optimum import bumpy
 

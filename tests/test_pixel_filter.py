@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mipbake import pixel_filter as pf
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
+from mipbake.material import pixel_filter as pf
 
 # Second moments in pixel^2, from the filters' formulas.
 VARIANCE = {"gaussian": 0.25, "box": 1 / 12, "tent": 1 / 6}

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from mipbake import material
-from mipbake.errors import UsageError
-from mipbake.metrics.pairs import pair_set
+from mipbake.baking.methods import METHODS, method_named
+from mipbake.base.errors import UsageError
+from mipbake.material.pixel_filter import FILTERS, level_sizes
 from mipbake.models import list_weights
-from mipbake.pixel_filter import FILTERS, level_sizes
-from mipbake.prefilter import METHODS, method_named
-from mipbake.reference.estimate import bilinear, reference
-from mipbake.reference.source import FilteredSource
+from mipbake.quality.metrics.pairs import pair_set
+from mipbake.quality.reference.estimate import bilinear, reference
+from mipbake.quality.reference.source import FilteredSource
 from mipbake.shading import shade
 
 from .no_default_weights import hide_defaults

@@ -14,12 +14,12 @@ import pytest
 import zstandard
 
 import mipbake
+from mipbake.base.errors import UsageError
 from mipbake.cli.main import main
-from mipbake.errors import UsageError
-from mipbake.io.containers import FORMATS
-from mipbake.packing import PACKINGS
-from mipbake.presets import PRESETS, preset_named
-from mipbake.stack import MipStack
+from mipbake.stack.containers import FORMATS
+from mipbake.stack.packing import PACKINGS
+from mipbake.stack.presets import PRESETS, preset_named
+from mipbake.stack.stack import MipStack
 
 from . import packed_sets
 from .gpu_textures import as_dds, basis_levels, dds_header, openimageio_levels, read_ktx2

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 import mipbake
-from mipbake.aim import SAMPLERS
-from mipbake.presets import PRESETS
+from mipbake.material.aim import SAMPLERS
+from mipbake.stack.presets import PRESETS
 
 from . import packed_sets
 from .test_presets import run

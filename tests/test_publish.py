@@ -12,11 +12,11 @@ from pathlib import Path
 
 import pytest
 
+from mipbake.base import publish
+from mipbake.base.errors import OutputError
+from mipbake.base.leftovers import remove, unfinished
+from mipbake.base.publish import check_file, check_place, published, replaced_file, temporary_folder
 from mipbake.cli.main import main
-from mipbake.errors import OutputError
-from mipbake.io import publish
-from mipbake.io.leftovers import remove, unfinished
-from mipbake.io.publish import check_file, check_place, published, replaced_file, temporary_folder
 
 from .command_line import fails, write_set
 
@@ -105,7 +105,7 @@ def test_a_folder_that_got_other_files_meanwhile_stays(tmp_path: Path) -> None:
 
 def test_leftovers_of_the_dead_go_and_those_of_the_living_stay(tmp_path: Path) -> None:
     code = (
-        "import sys; from pathlib import Path; from mipbake.io.publish import published\n"
+        "import sys; from pathlib import Path; from mipbake.base.publish import published\n"
         "with published(Path(sys.argv[1]) / 'set', lambda folder: True) as folder:\n"
         "    (folder / 'text').write_text('living'); print('ready', flush=True); sys.stdin.read()\n"
     )
@@ -224,7 +224,7 @@ def test_what_is_said_of_an_earlier_result_that_cannot_be_moved(
 
     monkeypatch.setattr(Path, "rename", refused)
     if fails.endswith("removed"):
-        monkeypatch.setattr("mipbake.io.publish.remove", lambda _path: None)
+        monkeypatch.setattr("mipbake.base.publish.remove", lambda _path: None)
     if own:
         with pytest.raises(OutputError, match=r"the earlier result is .*\.old, and the next bake") as caught:
             publish_text(tmp_path / "set", "new")
@@ -239,7 +239,7 @@ def test_what_is_said_of_an_earlier_result_that_cannot_be_moved(
 
 
 def test_what_cannot_be_removed_is_remembered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mipbake.io.leftovers.remove", lambda _path: None)
+    monkeypatch.setattr("mipbake.base.leftovers.remove", lambda _path: None)
     with pytest.raises(OutputError), published(tmp_path / "set", ours):
         raise OSError(5, "Input/output error")
     assert len(unfinished()) == 2  # the trial, too

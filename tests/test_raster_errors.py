@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from mipbake import _native
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
 from mipbake.raster import (
     DepthPeeler,
     RasterizeContext,

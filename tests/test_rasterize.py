@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor
 
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
 from mipbake.raster import DepthPeeler, RasterizeContext, rasterize, reference
 
 from .raster_scenes import cube, flat, grid, needs_cuda, projection, random_mesh, rotation, seen, threads

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mipbake.errors import InputError
-from mipbake.io.read import read_header, read_image
+from mipbake.base.errors import InputError
+from mipbake.source.images.read import read_header, read_image
 
 from .input_files import write_image
 
@@ -178,5 +178,5 @@ def test_an_image_is_the_same_in_bands_of_rows(tmp_path, monkeypatch, suffix, de
     assert out.open(str(path), spec) and out.write_image(values) and out.close(), out.geterror()
     whole = read_image(path).pixels
     assert whole.shape == (53, 37, 3) and np.ptp(whole.astype(float)) > 0.5
-    monkeypatch.setattr("mipbake.io.read.AT_ONCE", 1)
+    monkeypatch.setattr("mipbake.source.images.read.AT_ONCE", 1)
     np.testing.assert_array_equal(read_image(path).pixels, whole)

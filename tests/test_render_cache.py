@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import mipbake
-from mipbake.render import cache, shapes
-from mipbake.render.camera import orbit
-from mipbake.render.environment import directional
-from mipbake.render.mesh_render import Cache, Reference
+from mipbake.comparing.meshes import cache, shapes
+from mipbake.comparing.meshes.camera import orbit
+from mipbake.comparing.meshes.mesh_render import Cache, Reference
+from mipbake.quality.environment import directional
 
 from .mesh_renders import candidate, reference
 

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mipbake.errors import InputError, OutputError, UsageError
-from mipbake.render import environment, render_file, shapes
-from mipbake.render.camera import orbit
-from mipbake.render.mesh_file import read_mesh
-from mipbake.render.mesh_render import Frame, Reference
+from mipbake.base.errors import InputError, OutputError, UsageError
+from mipbake.comparing.meshes import render_file, shapes
+from mipbake.comparing.meshes.camera import orbit
+from mipbake.comparing.meshes.mesh_file import read_mesh
+from mipbake.comparing.meshes.mesh_render import Frame, Reference
+from mipbake.quality import environment
 
 from .mesh_files import Gltf, attributes_of, obj_text
 from .mesh_renders import candidate

@@ -9,19 +9,21 @@ import numpy as np
 import pytest
 import torch
 
-from mipbake.aim import ANISOTROPIC
-from mipbake.errors import UsageError
-from mipbake.metrics.pairs import LightViewPairs
-from mipbake.reference.estimate import reference as filtered
-from mipbake.reference.source import FilteredSource
-from mipbake.render import environment, shapes, texture_space
-from mipbake.render.camera import Camera, orbit
-from mipbake.render.environment import directional
-from mipbake.render.mesh import Mesh
-from mipbake.render.mesh_render import Frame
-from mipbake.render.samplers import level_of_detail
-from mipbake.render.tangents import with_tangents
-from mipbake.render.visible import Surface
+from mipbake.base.errors import UsageError
+from mipbake.comparing.meshes import shapes
+from mipbake.comparing.meshes.camera import Camera, orbit
+from mipbake.comparing.meshes.mesh import Mesh
+from mipbake.comparing.meshes.mesh_render import Frame
+from mipbake.comparing.meshes.tangents import with_tangents
+from mipbake.comparing.meshes.visible import Surface
+from mipbake.material.aim import ANISOTROPIC
+from mipbake.quality import environment
+from mipbake.quality import round_lookups as texture_space
+from mipbake.quality.environment import directional
+from mipbake.quality.metrics.pairs import LightViewPairs
+from mipbake.quality.reference.estimate import reference as filtered
+from mipbake.quality.reference.source import FilteredSource
+from mipbake.quality.samplers import level_of_detail
 from mipbake.shading import reference as shading_reference
 
 from .mesh_renders import candidate, reference

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mipbake.errors import InputError, UsageError
-from mipbake.render import environment, shapes
-from mipbake.render.camera import Camera, orbit
-from mipbake.render.mesh import Mesh
-from mipbake.render.tangents import corner_normals, with_tangents
+from mipbake.base.errors import InputError, UsageError
+from mipbake.comparing.meshes import shapes
+from mipbake.comparing.meshes.camera import Camera, orbit
+from mipbake.comparing.meshes.mesh import Mesh
+from mipbake.comparing.meshes.tangents import corner_normals, with_tangents
+from mipbake.quality import environment
 
 
 def to_pixel(camera: Camera, point: Any, resolution: tuple[int, int], **options: Any) -> Any:

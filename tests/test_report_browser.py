@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from mipbake.report.page import write_report
+from mipbake.comparing.page import write_report
 
 from .chromium import watched
 from .report_cases import NAMES, made_up, made_up_stacks

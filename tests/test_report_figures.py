@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mipbake.compare.result import SNR_GAIN, Comparison, Figure, Method
-from mipbake.report.page import write_report
-from mipbake.report.page.charts import curves
-from mipbake.report.page.pictures import displayed_bytes, heat, ramp
-from mipbake.report.page.scenes import flip_top
-from mipbake.report.page.tables import measure_tables, number, verdict_table
-from mipbake.report.page.verdict import best_in_renders, difference, verdict
+from mipbake.comparing.page import write_report
+from mipbake.comparing.page.charts import curves
+from mipbake.comparing.page.pictures import displayed_bytes, heat, ramp
+from mipbake.comparing.page.scenes import flip_top
+from mipbake.comparing.page.tables import measure_tables, number, verdict_table
+from mipbake.comparing.page.verdict import best_in_renders, difference, verdict
+from mipbake.comparing.result import SNR_GAIN, Comparison, Figure, Method
 
 from .report_cases import NAMES, Page, made_up, method
 

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from mipbake.compare.result import Comparison, Figure
-from mipbake.report.page import write_report
-from mipbake.report.page.films import film_names
-from mipbake.report.page.seen import VISIBLE_JOD, seen
-from mipbake.report.page.tables import films_table, number
-from mipbake.report.page.verdict import verdict
+from mipbake.comparing.page import write_report
+from mipbake.comparing.page.films import film_names
+from mipbake.comparing.page.seen import VISIBLE_JOD, seen
+from mipbake.comparing.page.tables import films_table, number
+from mipbake.comparing.page.verdict import verdict
+from mipbake.comparing.result import Comparison, Figure
 
 from .report_cases import NAMES, Page, film_figures, film_grey, filmed, made_up
 

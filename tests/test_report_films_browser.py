@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from mipbake.report.page import write_report
+from mipbake.comparing.page import write_report
 
 from .chromium import watched
 from .report_cases import film_figures, film_grey, filmed, made_up

@@ -13,18 +13,18 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from mipbake.compare.result import Comparison, Method
-from mipbake.errors import OutputError
+from mipbake.base.errors import OutputError
+from mipbake.comparing.page import check_report, write_report
+from mipbake.comparing.page.markup import Html, element, joined, listed
+from mipbake.comparing.page.pictures import heat
+from mipbake.comparing.page.plain import plain
+from mipbake.comparing.page.scenes import flip_top
+from mipbake.comparing.page.texels import WINDOW, Window, cropped, view, view_names, window_side
+from mipbake.comparing.result import Comparison, Method
+from mipbake.comparing.viewer import Source
 from mipbake.material import MODELS
-from mipbake.pixel_filter import level_sizes
-from mipbake.report.page import check_report, write_report
-from mipbake.report.page.markup import Html, element, joined, listed
-from mipbake.report.page.pictures import heat
-from mipbake.report.page.plain import plain
-from mipbake.report.page.scenes import flip_top
-from mipbake.report.page.texels import WINDOW, Window, cropped, view, view_names, window_side
-from mipbake.report.viewer import Source
-from mipbake.stack import MipStack
+from mipbake.material.pixel_filter import level_sizes
+from mipbake.stack.stack import MipStack
 
 from .report_cases import NAMES, Page, made_up, made_up_stacks
 from .viewer_scenes import PROVENANCE, material, scene_of, stack_of

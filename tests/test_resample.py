@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mipbake import _native
-from mipbake import pixel_filter as pf
+from mipbake.material import pixel_filter as pf
 
 from .plain_resample import plain_resample
 

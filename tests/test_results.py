@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 
 from mipbake import TextureSet, material
-from mipbake.bake import DEFAULT_FILTER
-from mipbake.compare import texture_space
-from mipbake.compare.candidates import bake_all
-from mipbake.errors import UsageError
+from mipbake.baking.bake import DEFAULT_FILTER
+from mipbake.base.errors import UsageError
+from mipbake.comparing.candidates import bake_all
+from mipbake.comparing.validate import DEFAULT_LODS
 from mipbake.material import MODELS
-from mipbake.pixel_filter import FILTERS
-from mipbake.validate import DEFAULT_LODS
+from mipbake.material.pixel_filter import FILTERS
+from mipbake.quality import texture_space
 
 ROOT = Path(__file__).resolve().parent.parent
 

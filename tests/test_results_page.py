@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from mipbake.metrics import MEASURES, PAIR_SETS
+from mipbake.quality.metrics import MEASURES, PAIR_SETS
 
 from .result_records import file, maker, row, save, write
 

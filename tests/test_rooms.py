@@ -63,7 +63,7 @@ def test_torch_stays_in_its_rooms() -> None:
 @pytest.mark.parametrize("module", [f"{door}.reference" for door in DOORS])
 def test_twins_import_nothing_native(module: str) -> None:
     arguments = module.replace("reference", "_arguments")
-    plain = ("mipbake.errors", "mipbake.material", arguments)
+    plain = ("mipbake.base.errors", "mipbake.material", arguments)
     for inner in {module, arguments} & set(modules()):
         assert all(name.startswith(plain) for name in reaches(imports(inner), "mipbake"))
 
@@ -71,7 +71,7 @@ def test_twins_import_nothing_native(module: str) -> None:
 def test_one_piece_of_code_finds_the_stream() -> None:
     for module, path in modules().items():
         found = "cuda.current_stream" in path.read_text(encoding="utf-8")
-        assert found == (module == "mipbake._stream"), module
+        assert found == (module == "mipbake.base.stream"), module
 
 
 def test_the_entry_point_loads_nothing_before_it_handles_signals() -> None:

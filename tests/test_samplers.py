@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mipbake.aim import ANISOTROPIC, LOOKUPS, SAMPLERS, Sampler, sampler_from, sampler_named, sampler_of
-from mipbake.errors import UsageError
-from mipbake.render.samplers import (
+from mipbake.base.errors import UsageError
+from mipbake.material.aim import ANISOTROPIC, LOOKUPS, SAMPLERS, Sampler, sampler_from, sampler_named, sampler_of
+from mipbake.quality.samplers import (
     RENDER_SAMPLERS,
     frames_at,
     in_frames,

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import mipbake
-from mipbake.io.gltf.document import read_document
-from mipbake.output import Output
-from mipbake.presets import PRESETS, wanted_outputs
+from mipbake.source.gltf.document import read_document
+from mipbake.stack.output import Output
+from mipbake.stack.presets import PRESETS, wanted_outputs
 
 from .command_line import tree, write_set
 from .gltf_files import check_structure, png, split

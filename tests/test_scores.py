@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mipbake.judging.judge import Asked
-from mipbake.judging.probes import ProbeEffort
-from mipbake.judging.scores import Score, Scores, certainty
-from mipbake.judging.weights import SEEN
-from mipbake.metrics.visible import mean_squares
-from mipbake.pixel_filter import slanted_axes
-from mipbake.reference.problem import Problem
+from mipbake.material.pixel_filter import slanted_axes
+from mipbake.quality.judging.judge import Asked
+from mipbake.quality.judging.probes import ProbeEffort
+from mipbake.quality.judging.scores import Score, Scores, certainty
+from mipbake.quality.judging.weights import SEEN
+from mipbake.quality.metrics.visible import mean_squares
+from mipbake.quality.reference.problem import Problem
 
 from .test_auto import TINY, WRAP
 

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from mipbake.prefilter.search.methods import Auto, Optimum, Refine, Searching
+from mipbake.baking.search.methods import Auto, Optimum, Refine, Searching
 
 SCRIPT = """
 import sys

@@ -13,7 +13,7 @@ import pytest
 import torch
 
 from mipbake import _native
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
 from mipbake.material import MODELS as LAYOUTS
 from mipbake.shading import TurnedAway, models, reference, shade
 

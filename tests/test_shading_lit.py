@@ -13,7 +13,7 @@ import pytest
 import torch
 
 from mipbake import _native
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
 from mipbake.shading import reference, shade, shade_lit
 
 from .shading_inputs import MODELS, directions, material

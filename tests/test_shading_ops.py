@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from mipbake import _native
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
 from mipbake.material import MODELS as RECORDS
 from mipbake.material import Kind
 from mipbake.shading import TurnedAway, ops, reference

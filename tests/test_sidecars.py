@@ -12,7 +12,7 @@ from PIL import Image
 
 import mipbake
 from mipbake.cli.main import main
-from mipbake.manifest import is_stack_folder
+from mipbake.stack.manifest import is_stack_folder
 
 from .command_line import fails, write_png, write_set
 

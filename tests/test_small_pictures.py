@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from mipbake import sampling
-from mipbake.aim import ANISOTROPIC, TRILINEAR, Sampler
-from mipbake.judging.shown import KINDS_SHOWN, draw_shown
-from mipbake.metrics.visible import SIDE, VisibleError, bands
-from mipbake.pixel_filter import FILTERS
-from mipbake.reference.problem import Problem, whole
-from mipbake.reference.source import FilteredSource
-from mipbake.render.environment import Lighting, studio
-from mipbake.render.samplers import look_up
-from mipbake.render.small_pictures import (
+from mipbake.material.aim import ANISOTROPIC, TRILINEAR, Sampler
+from mipbake.material.pixel_filter import FILTERS
+from mipbake.quality.environment import Lighting, studio
+from mipbake.quality.judging.shown import KINDS_SHOWN, draw_shown
+from mipbake.quality.metrics.visible import SIDE, VisibleError, bands
+from mipbake.quality.reference.problem import Problem, whole
+from mipbake.quality.reference.source import FilteredSource
+from mipbake.quality.samplers import look_up
+from mipbake.quality.small_pictures import (
     PIXELS,
     SLANTS,
     SmallPictures,

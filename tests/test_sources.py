@@ -15,13 +15,13 @@ import numpy as np
 import pytest
 
 import mipbake
+from mipbake.base.errors import InputError, UsageError
 from mipbake.cli.main import main
-from mipbake.errors import InputError, UsageError
-from mipbake.intake import jobs
-from mipbake.io.archives import Limits
-from mipbake.io.options import LoadOptions
-from mipbake.io.split import divided
-from mipbake.jobs import Failure, Job
+from mipbake.source.archives import Limits
+from mipbake.source.intake import jobs
+from mipbake.source.jobs import Failure, Job
+from mipbake.source.options import LoadOptions
+from mipbake.source.split import divided
 
 from .command_line import fails, tree
 from .gltf_files import png

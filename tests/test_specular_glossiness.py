@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 import mipbake
-from mipbake.io.colour import srgb_to_linear
-from mipbake.io.discover import find
-from mipbake.io.gltf.document import read_document
-from mipbake.io.gltf.specular_glossiness import Converted, without_specular_glossiness
-from mipbake.io.options import LoadOptions
-from mipbake.io.read import read_image
-from mipbake.specular_glossiness import Loss, metallic_roughness
+from mipbake.base.colour import srgb_to_linear
+from mipbake.material.specular_glossiness import Loss, metallic_roughness
+from mipbake.source.discover import find
+from mipbake.source.gltf.document import read_document
+from mipbake.source.gltf.specular_glossiness import Converted, without_specular_glossiness
+from mipbake.source.images.read import read_image
+from mipbake.source.options import LoadOptions
 
 from .gltf_files import GltfFile, check_structure, image_of, png, split
 from .input_files import encoded, height_field, write_image

@@ -13,13 +13,13 @@ import OpenImageIO
 import pytest
 
 from mipbake import material
-from mipbake.aim import Sampler
-from mipbake.content import Provenance
-from mipbake.errors import InputError, UsageError
-from mipbake.io.containers import FORMATS, format_named
-from mipbake.io.layout import LAYOUTS, MANIFEST, extra_layout, from_file, to_file
-from mipbake.pixel_filter import level_sizes
-from mipbake.stack import MipStack, open_stack
+from mipbake.base.errors import InputError, UsageError
+from mipbake.material.aim import Sampler
+from mipbake.material.pixel_filter import level_sizes
+from mipbake.source.layout import LAYOUTS, MANIFEST, extra_layout, from_file, to_file
+from mipbake.stack.containers import FORMATS, format_named
+from mipbake.stack.content import Provenance
+from mipbake.stack.stack import MipStack, open_stack
 
 SIZES = [(16, 16), (5, 7), (13, 6), (1, 9), (9, 1), (1, 1), (70, 130)]
 NAMES = [f"{name}:{texels}" for name, kinds in FORMATS.items() for texels in kinds]
@@ -298,8 +298,7 @@ def test_what_a_stack_was_made_for_is_kept_and_missing_in_older_files(tmp_path):
 
 
 def test_importing_the_stack_imports_no_image_library():
-    code = (
-        "import sys, mipbake.stack; print([m for m in ('torch', 'OpenImageIO', 'colour', 'rich') if m in sys.modules])"
-    )
+    heavy = "torch", "OpenImageIO", "colour", "rich"
+    code = f"import sys, mipbake.stack.stack; print([m for m in {heavy} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

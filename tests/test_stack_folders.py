@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from mipbake.errors import OutputError
-from mipbake.io.containers import FORMATS, format_named
-from mipbake.manifest import check_output
-from mipbake.stack import open_stack
+from mipbake.base.errors import OutputError
+from mipbake.stack.containers import FORMATS, format_named
+from mipbake.stack.manifest import check_output
+from mipbake.stack.stack import open_stack
 
 from .test_publish import without_exchange
 from .test_stack import assert_same, make_stack, tree

@@ -9,14 +9,14 @@ import pytest
 
 import mipbake
 from mipbake import shading
-from mipbake.adjust import Adjustments, adjusted
+from mipbake.baking.adjust import Adjustments, adjusted
+from mipbake.baking.methods import METHODS
+from mipbake.base.errors import InputError
 from mipbake.cli.main import main
-from mipbake.errors import InputError
-from mipbake.io.steep import held
 from mipbake.material import MIN_NORMAL_Z
-from mipbake.metrics.pairs import pair_set
-from mipbake.prefilter import METHODS
-from mipbake.texture_set import TextureSet
+from mipbake.quality.metrics.pairs import pair_set
+from mipbake.source.steep import held
+from mipbake.source.texture_set import TextureSet
 
 from .input_files import height_field, write_image
 from .quick_methods import NONE, quick_methods

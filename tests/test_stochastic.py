@@ -16,7 +16,7 @@ import torch
 from numpy.typing import NDArray
 
 from mipbake import _native, stochastic
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
 from mipbake.stochastic import Channels, Moments, reference
 
 from .raster_scenes import threads

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from mipbake import stochastic
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
 from mipbake.stochastic import Channels, Contributions, Moments
 
 CHANNELS = Channels((0.1, 0.0, 0.02, 0.3), (0.0, -1.0, -0.5, 0.0), (1.0, 1.0, 2.0, 0.75))

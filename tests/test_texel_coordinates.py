@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import torch
 
+from mipbake.baking.search import texel_coordinates as here
 from mipbake.material import FACTS, LEAST_STRENGTH, MIN_ROUGHNESS, MODELS, Facts, Kind, MaterialModel
 from mipbake.models import parameters
-from mipbake.prefilter.search import texel_coordinates as here
 
 from .stacks import constant
 

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mipbake import _native, sampling
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
 from mipbake.sampling import reference, texture
 from mipbake.sampling._arguments import MAX_SIDE
 

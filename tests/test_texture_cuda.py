@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from mipbake import _native, sampling
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
 
 from .texture_cases import FILTERS, random_case
 

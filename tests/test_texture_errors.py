@@ -9,8 +9,8 @@ import pytest
 import torch
 
 from mipbake import _native
-from mipbake._stream import current_stream
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
+from mipbake.base.stream import current_stream
 from mipbake.sampling import texture, texture_construct_mip
 
 TEX, UV, BIAS = np.ones((1, 4, 4, 3), np.float32), np.zeros((1, 2, 5, 2)), np.zeros((1, 2, 5))

@@ -11,7 +11,7 @@ from torch import Tensor
 from torch.autograd import forward_ad
 
 from mipbake import _native
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
 from mipbake.sampling import ops, reference, texture, texture_construct_mip
 
 from .texture_cases import FILTERS

@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mipbake._srgb import srgb_to_linear
-from mipbake.errors import InputError, UsageError
-from mipbake.io.decode import upsample
+from mipbake.base.errors import InputError, UsageError
+from mipbake.base.srgb import srgb_to_linear
 from mipbake.material import MODELS, convert
-from mipbake.texture_set import load
+from mipbake.source.decode import upsample
+from mipbake.source.texture_set import load
 
 from .input_files import bytes_of, encoded, height_field, pixels_for, plain_set, write_image, write_set
 

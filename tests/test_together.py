@@ -5,20 +5,20 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
-from mipbake.aim import SAMPLERS
-from mipbake.judging.probes import ProbeEffort
-from mipbake.judging.scores import Scores
+from mipbake.baking.methods import METHODS
+from mipbake.baking.rules import RULES, bands
+from mipbake.baking.rules.closed_form import ClosedForm
+from mipbake.baking.rules.form import Form, Whole
+from mipbake.baking.rules.together import Together
+from mipbake.baking.search import touched
+from mipbake.baking.search.mixing import mixed
+from mipbake.baking.search.touched import Touched
 from mipbake.material import regularise
-from mipbake.pixel_filter import Wrap
-from mipbake.prefilter import METHODS
-from mipbake.prefilter.rules import RULES, bands
-from mipbake.prefilter.rules.closed_form import ClosedForm
-from mipbake.prefilter.rules.form import Form, Whole
-from mipbake.prefilter.rules.together import Together
-from mipbake.prefilter.search import touched
-from mipbake.prefilter.search.mixing import mixed
-from mipbake.prefilter.search.touched import Touched
-from mipbake.reference.problem import Image, Problem
+from mipbake.material.aim import SAMPLERS
+from mipbake.material.pixel_filter import Wrap
+from mipbake.quality.judging.probes import ProbeEffort
+from mipbake.quality.judging.scores import Scores
+from mipbake.quality.reference.problem import Image, Problem
 
 from .stacks import gltf_level
 

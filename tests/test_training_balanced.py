@@ -9,16 +9,16 @@ import pytest
 import torch
 
 import mipbake.training
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
 from mipbake.material import convert
-from mipbake.metrics import LightViewPairs
-from mipbake.metrics.pairs import cosine_directions, near_mirror_lights
+from mipbake.material.pixel_filter import FILTERS
 from mipbake.models import registry
 from mipbake.models.moment_config import MADE
 from mipbake.models.moment_network import MomentNetwork
-from mipbake.pixel_filter import FILTERS
-from mipbake.reference.estimate import reference
-from mipbake.reference.source import FilteredSource
+from mipbake.quality.metrics import LightViewPairs
+from mipbake.quality.metrics.pairs import cosine_directions, near_mirror_lights
+from mipbake.quality.reference.estimate import reference
+from mipbake.quality.reference.source import FilteredSource
 from mipbake.training import batches, loop
 from mipbake.training.balanced_loss import (
     BANDS,

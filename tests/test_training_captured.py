@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
 from mipbake.material import MAX_LOG_GAMMA, MODELS, regularise
 from mipbake.training import data
 from mipbake.training.captured import SUBSTANCES, captured, captured_set

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
 from mipbake.material import MODELS, convert
 from mipbake.models.latent_config import LatentConfig
 from mipbake.models.parameters import to_parameters

@@ -10,7 +10,7 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 
 from mipbake import _native
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
 from mipbake.training import loop
 from mipbake.training.batches import draw_batch
 from mipbake.training.data import load_materials

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import pytest
 import torch
 
-from mipbake.errors import MipbakeError, UsageError
+from mipbake.base.errors import MipbakeError, UsageError
 from mipbake.training.batches import batches
 from mipbake.training.data import load_materials
 from mipbake.training.drawing import Drawer

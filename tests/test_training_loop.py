@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import torch
 
-from mipbake.errors import InputError, UsageError
+from mipbake.base.errors import InputError, UsageError
 from mipbake.material import lift_normal
 from mipbake.models.latent_inference import bake_levels
 from mipbake.models.registry import WeightsInfo, default_weights, list_weights, load_network

@@ -13,7 +13,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
 from mipbake.training import loop
 from mipbake.training.batches import draw_batch
 from mipbake.training.data import load_materials

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 import mipbake
-from mipbake.errors import InputError, UsageError
-from mipbake.fill import fill
-from mipbake.io.tiles import place, tile_options, tiles_of
-from mipbake.pixel_filter import filter_named, level_sizes
-from mipbake.stack import MipStack
-from mipbake.texture_set import LoadOptions, TextureSet
-from mipbake.udim import Mosaic, islands, joined, mosaics, split
+from mipbake.base.errors import InputError, UsageError
+from mipbake.material.fill import fill
+from mipbake.material.pixel_filter import filter_named, level_sizes
+from mipbake.source.texture_set import LoadOptions, TextureSet
+from mipbake.source.tiles import place, tile_options, tiles_of
+from mipbake.source.udim import Mosaic, islands, joined, mosaics, split
+from mipbake.stack.stack import MipStack
 
 from .input_files import bytes_of, encoded, height_field, pixels_for, write_image
 

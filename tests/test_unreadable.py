@@ -14,12 +14,12 @@ from types import FrameType
 
 import pytest
 
+from mipbake.base import disk
+from mipbake.base.errors import InputError
+from mipbake.base.json_text import parsed
 from mipbake.cli.main import main
-from mipbake.errors import InputError
-from mipbake.io import disk
-from mipbake.io.json_text import parsed
-from mipbake.jobs import Job
 from mipbake.models.registry import WEIGHTS_FOLDER, list_weights, load_network
+from mipbake.source.jobs import Job
 
 from .command_line import fails, tree, write_set
 from .permissions import bound_by_permissions

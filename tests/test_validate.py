@@ -7,14 +7,14 @@ import pytest
 
 import mipbake
 from mipbake import TextureSet
-from mipbake.errors import UsageError
-from mipbake.metrics import pair_set, snr_db
-from mipbake.reference.estimate import reference
-from mipbake.reference.pair_sets import weighted_pair_set
-from mipbake.reference.sequences import random_points
-from mipbake.reference.source import FilteredSource
-from mipbake.render import candidate
-from mipbake.validate import BAKED
+from mipbake.base.errors import UsageError
+from mipbake.comparing.validate import BAKED
+from mipbake.quality.metrics import pair_set, snr_db
+from mipbake.quality.reference.estimate import reference
+from mipbake.quality.reference.pair_sets import weighted_pair_set
+from mipbake.quality.reference.sequences import random_points
+from mipbake.quality.reference.source import FilteredSource
+from mipbake.quality.round_lookups import candidate
 
 
 def flat(height: int, width: int, base: np.ndarray | float = 0.5, roughness: float = 0.4) -> TextureSet:
@@ -86,7 +86,7 @@ def test_a_checker_of_two_texels_matches_the_computation_on_paper() -> None:
 def test_the_reference_is_the_filter_integral_by_quadrature(pixel_filter: str) -> None:
     """Against a dense grid over the filter's support at a few pixels, and unbiased: the mean of estimates converges."""
     from mipbake import sampling, shading
-    from mipbake.pixel_filter import FILTERS
+    from mipbake.material.pixel_filter import FILTERS
 
     texture_set = bumpy(16)
     stored = texture_set.material("gltf")

@@ -10,12 +10,12 @@ import pytest
 
 import mipbake
 from mipbake.cli.main import main
-from mipbake.glb import multiple_of_side
-from mipbake.glb_stacks import stack_in_glb
-from mipbake.intake import jobs
-from mipbake.io.options import LoadOptions
-from mipbake.jobs import Job
-from mipbake.texture_set import TextureSet
+from mipbake.source.intake import jobs
+from mipbake.source.jobs import Job
+from mipbake.source.options import LoadOptions
+from mipbake.source.texture_set import TextureSet
+from mipbake.stack.gltf.glb import multiple_of_side
+from mipbake.stack.gltf.glb_stacks import stack_in_glb
 
 from .command_line import fails, write_set
 from .gltf_files import GltfFile, many_materials, png

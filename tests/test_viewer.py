@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
+from mipbake.comparing.viewer import DEFAULT_LIGHTS, LightSet, Source, viewer_fragment, viewer_page
 from mipbake.material import MODELS
-from mipbake.report.viewer import DEFAULT_LIGHTS, LightSet, Source, viewer_fragment, viewer_page
-from mipbake.stack import MipStack
+from mipbake.stack.stack import MipStack
 
 from .viewer_scenes import PROVENANCE, material, scene_of, stack_of, texels_of
 
@@ -91,6 +91,6 @@ def test_what_does_not_fit_is_said_in_a_sentence(arguments: dict[str, Any], sent
 
 @pytest.mark.skipif(shutil.which("node") is None, reason="node is not installed")
 def test_scripts_parse() -> None:
-    folder = Path(sys.modules["mipbake.report.viewer"].__file__ or "").parent
+    folder = Path(sys.modules["mipbake.comparing.viewer"].__file__ or "").parent
     for script in sorted(folder.glob("*.js")):
         subprocess.run(["node", "--check", str(script)], check=True)

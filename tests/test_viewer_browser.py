@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from mipbake import sampling, shading
+from mipbake.comparing.viewer import DEFAULT_LIGHTS, Source, viewer_fragment, viewer_page
 from mipbake.material import MODELS
-from mipbake.pixel_filter import filter_named, level_sizes
-from mipbake.report.viewer import DEFAULT_LIGHTS, Source, viewer_fragment, viewer_page
-from mipbake.stack import MipStack
+from mipbake.material.pixel_filter import filter_named, level_sizes
+from mipbake.stack.stack import MipStack
 
 from .viewer_scenes import PROVENANCE, material, stack_of
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.fft import dctn
 
-from mipbake.metrics.images import srgb_encode
-from mipbake.metrics.visible import (
+from mipbake.quality.metrics.images import srgb_encode
+from mipbake.quality.metrics.visible import (
     COSINES,
     OPPONENT,
     SENSITIVITY,

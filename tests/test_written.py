@@ -12,18 +12,18 @@ import numpy as np
 import pytest
 
 import mipbake
+from mipbake.baking.methods import METHODS, PrefilterResult
 from mipbake.baking.results import DEFECT
+from mipbake.baking.rules.linear import Linear
 from mipbake.cli.main import main
-from mipbake.compare.compression import cost
-from mipbake.compare.written import WORST_DIP, measure_written
-from mipbake.glb import multiple_of_side
-from mipbake.io.gltf.document import read_document
-from mipbake.manifest import read_output
-from mipbake.output import Output
-from mipbake.prefilter import METHODS, PrefilterResult
-from mipbake.prefilter.rules.linear import Linear
-from mipbake.stack import MipStack
-from mipbake.texture_set import TextureSet
+from mipbake.source.gltf.document import read_document
+from mipbake.source.texture_set import TextureSet
+from mipbake.stack.compression import cost
+from mipbake.stack.gltf.glb import multiple_of_side
+from mipbake.stack.manifest import read_output
+from mipbake.stack.output import Output
+from mipbake.stack.stack import MipStack
+from mipbake.stack.written import WORST_DIP, measure_written
 
 from .command_line import write_png, write_set
 from .gltf_files import png

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from mipbake.content import Provenance
 from mipbake.material import convert
-from mipbake.pixel_filter import level_sizes
-from mipbake.stack import MipStack
+from mipbake.material.pixel_filter import level_sizes
+from mipbake.stack.content import Provenance
+from mipbake.stack.stack import MipStack
 
 from .input_files import height_field
 

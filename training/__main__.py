@@ -8,8 +8,8 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from mipbake._extras import extra
-from mipbake.errors import MipbakeError
+from mipbake.base.errors import MipbakeError
+from mipbake.base.extras import extra
 
 
 def _arguments() -> argparse.Namespace:
@@ -67,7 +67,7 @@ def _train(arguments: argparse.Namespace) -> None:
         config = dataclasses.replace(config, data=dataclasses.replace(config.data, folder=arguments.data))
     import torch
 
-    from mipbake._allocator import keep_freed_memory
+    from mipbake.base.allocator import keep_freed_memory
     from mipbake.training.loop import threads_beside_batches, train
 
     keep_freed_memory()

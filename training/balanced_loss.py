@@ -23,14 +23,14 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from mipbake.aim import ANISOTROPIC, DEFAULT_SAMPLER, FRAMES, LOOKUPS, TRILINEAR, Sampler
+from mipbake.material.aim import ANISOTROPIC, DEFAULT_SAMPLER, FRAMES, LOOKUPS, TRILINEAR, Sampler
+from mipbake.material.pixel_filter import FILTERS, filter_named, slanted_axes
 from mipbake.models.base import Network
-from mipbake.pixel_filter import FILTERS, filter_named, slanted_axes
-from mipbake.reference.estimate import estimate
-from mipbake.reference.lighting import GroupPairs
-from mipbake.reference.samples import Pixels
-from mipbake.reference.source import FilteredSource
-from mipbake.render.samplers import frames_at
+from mipbake.quality.reference.estimate import estimate
+from mipbake.quality.reference.lighting import GroupPairs
+from mipbake.quality.reference.samples import Pixels
+from mipbake.quality.reference.source import FilteredSource
+from mipbake.quality.samplers import frames_at
 from mipbake.sampling import texture
 from mipbake.shading.ops import shade
 from mipbake.training.balanced_pairs import Pairs, draw_pairs

@@ -23,10 +23,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from mipbake.material import model_named
-from mipbake.metrics.pairs import cosine_directions, near_mirror_lights
 from mipbake.models import surface
 from mipbake.models.moments import least_roughness
-from mipbake.reference import lobes
+from mipbake.quality.metrics.pairs import cosine_directions, near_mirror_lights
+from mipbake.quality.reference import lobes
 
 Floats = NDArray[np.float32]
 

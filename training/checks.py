@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
 
 
 def require(condition: bool, name: str, expected: str, got: object) -> None:

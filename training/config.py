@@ -9,8 +9,8 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from mipbake.errors import UsageError
-from mipbake.io import toml_text
+from mipbake.base import toml_text
+from mipbake.base.errors import UsageError
 from mipbake.material import MODELS
 from mipbake.models.architecture import Architecture
 from mipbake.models.architectures import ARCHITECTURES

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import material
-from mipbake.errors import InputError, MipbakeError, UsageError
+from mipbake.base.errors import InputError, MipbakeError, UsageError
 from mipbake.training.augmentation import augment, mix, permute_colours, reorient
 from mipbake.training.captured import MODEL as CAPTURED
 from mipbake.training.captured import captured_set

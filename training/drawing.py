@@ -23,7 +23,7 @@ import torch
 from torch import Tensor
 
 from mipbake import _native
-from mipbake.errors import MipbakeError
+from mipbake.base.errors import MipbakeError
 
 T = TypeVar("T")
 

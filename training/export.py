@@ -8,8 +8,8 @@ import math
 import re
 from pathlib import Path
 
-from mipbake.errors import UsageError
-from mipbake.io.publish import replaced_file
+from mipbake.base.errors import UsageError
+from mipbake.base.publish import replaced_file
 from mipbake.models.architecture import Description
 from mipbake.models.registry import WEIGHTS_LICENCE, WeightsInfo, check_sole_default
 from mipbake.training.config import TrainingConfig

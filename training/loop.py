@@ -20,11 +20,11 @@ import torch
 from torch import Tensor
 
 from mipbake._native import cuda_available
-from mipbake.device import checked_device
-from mipbake.errors import InputError, UsageError
-from mipbake.io.checkpoints import alone_with
-from mipbake.io.messages import one_line
-from mipbake.io.publish import replaced_file, writing
+from mipbake.base.checkpoints import alone_with
+from mipbake.base.device import checked_device
+from mipbake.base.errors import InputError, UsageError
+from mipbake.base.messages import one_line
+from mipbake.base.publish import replaced_file, writing
 from mipbake.models.base import Network
 from mipbake.training.base import Batch
 from mipbake.training.batches import batches

@@ -8,7 +8,7 @@ somewhere inside its texel (the random sub-pixel jitter). For each light-view pa
   shaded; or the mean of several such samples. Its expectation is the filtered render (equation 3), and the optimum of
   the loss is just that (Noise2Noise).
 
-One estimator, in `mipbake.reference`, makes noisy references and the references of measures.
+One estimator, in `mipbake.quality.reference`, makes noisy references and the references of measures.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from mipbake.metrics.pairs import cosine_directions, near_mirror_lights
+from mipbake.material.pixel_filter import filter_named
 from mipbake.models.base import Network
-from mipbake.pixel_filter import filter_named
-from mipbake.reference.estimate import estimate
-from mipbake.reference.lighting import GroupPairs
-from mipbake.reference.samples import Pixels
-from mipbake.reference.source import FilteredSource
+from mipbake.quality.metrics.pairs import cosine_directions, near_mirror_lights
+from mipbake.quality.reference.estimate import estimate
+from mipbake.quality.reference.lighting import GroupPairs
+from mipbake.quality.reference.samples import Pixels
+from mipbake.quality.reference.source import FilteredSource
 from mipbake.sampling import texture
 from mipbake.shading.ops import shade
 from mipbake.training.base import TORUS, Batch, Loss

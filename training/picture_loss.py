@@ -23,14 +23,14 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from mipbake.aim import Sampler
 from mipbake.material import regularise
-from mipbake.metrics.images import tonemapped
-from mipbake.metrics.visible import COSINES, OPPONENT, SENSITIVITY, SIDE, WEIGHT, adaptation, bands
-from mipbake.pixel_filter import resample
-from mipbake.reference.source import FilteredSource
-from mipbake.render.environment import ENVIRONMENTS, Lighting
-from mipbake.render.small_pictures import MEDIAN, SLANTS, draw_small_pictures
+from mipbake.material.aim import Sampler
+from mipbake.material.pixel_filter import resample
+from mipbake.quality.environment import ENVIRONMENTS, Lighting
+from mipbake.quality.metrics.images import tonemapped
+from mipbake.quality.metrics.visible import COSINES, OPPONENT, SENSITIVITY, SIDE, WEIGHT, adaptation, bands
+from mipbake.quality.reference.source import FilteredSource
+from mipbake.quality.small_pictures import MEDIAN, SLANTS, draw_small_pictures
 from mipbake.sampling import texture
 from mipbake.shading.ops import shade
 from mipbake.training.base import TORUS

@@ -18,8 +18,8 @@ import torch
 import torch.distributed as dist
 from torch import Tensor
 
-from mipbake.device import PROCESSOR
-from mipbake.errors import UsageError
+from mipbake.base.device import PROCESSOR
+from mipbake.base.errors import UsageError
 
 T = TypeVar("T")
 

@@ -4,8 +4,9 @@ A step is hundreds of short kernels, and asking for each of them takes longer th
 kind of batch is recorded as a graph, and later steps are one call each.
 
 A recorded step reads the same memory every time, where each batch is copied to, and asks nothing of the processor. One
-thing has to be asked in between: which signs directions take, where a model stores directions (`mipbake.directions`). A
-graph of its own makes the levels that this is found in, and the graph of the step reads what was found.
+thing has to be asked in between: which signs directions take, where a model stores directions
+(`mipbake.material.directions`). A graph of its own makes the levels that this is found in, and the graph of the step
+reads what was found.
 """
 
 from __future__ import annotations
@@ -19,9 +20,9 @@ import torch
 from torch import Tensor
 
 from mipbake.material import MaterialModel, model_named
+from mipbake.material.pixel_filter import Wrap
 from mipbake.models.base import Network
 from mipbake.models.parameters import Agreement, agreement, agreements_by
-from mipbake.pixel_filter import Wrap
 from mipbake.training.base import Batch, Loss
 
 _WARM = 3  # rounds before a recording, in which libraries make what they keep

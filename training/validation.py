@@ -15,19 +15,19 @@ import torch
 from numpy.typing import NDArray
 
 from mipbake import material
-from mipbake.io.image_files import write_image
-from mipbake.io.publish import writing
-from mipbake.metrics import PAIR_SETS, LightViewPairs, pair_set, snr_from_sums, snr_sums
-from mipbake.metrics.pairs import WeightedPairs
+from mipbake.baking.rules.linear import Linear
+from mipbake.base.publish import writing
+from mipbake.material.pixel_filter import Wrap
 from mipbake.models.architecture import Architecture
 from mipbake.models.base import Network
-from mipbake.pixel_filter import Wrap
-from mipbake.prefilter.rules.linear import Linear
-from mipbake.reference.estimate import reference
-from mipbake.reference.pair_sets import weighted_pair_set
-from mipbake.reference.sequences import random_points
-from mipbake.reference.source import FilteredSource
-from mipbake.render import candidate
+from mipbake.quality.metrics import PAIR_SETS, LightViewPairs, pair_set, snr_from_sums, snr_sums
+from mipbake.quality.metrics.pairs import WeightedPairs
+from mipbake.quality.reference.estimate import reference
+from mipbake.quality.reference.pair_sets import weighted_pair_set
+from mipbake.quality.reference.sequences import random_points
+from mipbake.quality.reference.source import FilteredSource
+from mipbake.quality.round_lookups import candidate
+from mipbake.source.images.image_files import write_image
 from mipbake.training.data import Materials
 
 LODS = (0.0, 0.5, 1.0, 2.0, 3.0, 5.0)  # levels of detail

@@ -30,7 +30,7 @@ from three_table import processor
 
 import mipbake
 from mipbake import TextureSet
-from mipbake.metrics import snr_db
+from mipbake.quality.metrics import snr_db
 
 PIXELS = 96
 """Pixels a side of a picture."""

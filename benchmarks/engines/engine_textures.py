@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import MipStack
-from mipbake._srgb import linear_to_srgb
-from mipbake.io import ktx2
-from mipbake.io.blocks import to_blocks
-from mipbake.io.gpu_format import GPU_FORMATS, GpuTexture
-from mipbake.pixel_filter import level_sizes
+from mipbake.base.srgb import linear_to_srgb
+from mipbake.material.pixel_filter import level_sizes
+from mipbake.source.images import ktx2
+from mipbake.source.images.blocks import to_blocks
+from mipbake.source.images.gpu_format import GPU_FORMATS, GpuTexture
 
 Image = NDArray[np.float32]
 Bytes = NDArray[np.uint8]

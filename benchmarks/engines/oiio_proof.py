@@ -18,8 +18,8 @@ from engine_textures import level_colours
 from numpy.typing import NDArray
 
 from mipbake import MipStack
-from mipbake.content import Provenance
-from mipbake.pixel_filter import level_sizes
+from mipbake.material.pixel_filter import level_sizes
+from mipbake.stack.content import Provenance
 
 SIDE = 256
 _TEXELS = 64  # looked up a level

@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 
 import mipbake
 from mipbake import MipStack, TextureSet
-from mipbake.glb import encoded, output, square
-from mipbake.io.gltf.ranges import Ranges, usual_ranges
-from mipbake.output import GLB_TEXELS
+from mipbake.stack.gltf.glb import encoded, output, square
+from mipbake.stack.gltf.ranges import Ranges, usual_ranges
+from mipbake.stack.output import GLB_TEXELS
 
 _SIDE = 256
 _BOX = (-0.5, 0.5, -0.5, 0.5)

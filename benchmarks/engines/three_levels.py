@@ -11,7 +11,7 @@ from browser import numbers
 from engine_textures import KINDS, EngineMap, level_coloured, write_map
 from numpy.typing import NDArray
 
-from mipbake.pixel_filter import filtered_levels
+from mipbake.material.pixel_filter import filtered_levels
 
 SIDE = 256
 """Texels a side of the test textures."""

@@ -30,10 +30,10 @@ from three_table import MARGIN_DB, Cell, processor
 
 import mipbake
 from mipbake import TextureSet
-from mipbake.adjust import Adjustments, adjusted
-from mipbake.metrics import ldr_flip, snr_db
-from mipbake.metrics.images import displayed
-from mipbake.pixel_filter import filter_named
+from mipbake.baking.adjust import Adjustments, adjusted
+from mipbake.material.pixel_filter import filter_named
+from mipbake.quality.metrics import ldr_flip, snr_db
+from mipbake.quality.metrics.images import displayed
 
 SIDE = 96
 """Pixels a side of every picture."""

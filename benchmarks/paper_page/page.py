@@ -17,8 +17,8 @@ from results_page.charts import gain_histograms
 from results_page.files import LINEAR, read
 from results_page.tables import table
 
-from mipbake.metrics import PAIR_SETS
-from mipbake.metrics.snr import MAX_SNR_DB
+from mipbake.quality.metrics import PAIR_SETS
+from mipbake.quality.metrics.snr import MAX_SNR_DB
 from paper_page.cases import KINDS, LEAN, ON, SCALES, Kind, Verdict, beats, kinds, shown
 
 MODELS = ("ggx", "beckmann")

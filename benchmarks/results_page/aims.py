@@ -11,8 +11,8 @@ from statistics import fmean, geometric_mean
 from records.record import load
 from records.wrapping import table
 
-from mipbake.judging.weights import SEEN
-from mipbake.metrics.pairs import PAIR_SETS
+from mipbake.quality.judging.weights import SEEN
+from mipbake.quality.metrics.pairs import PAIR_SETS
 from results_page.svg import Axis, Drawing, spread
 from results_page.tables import PLACES
 

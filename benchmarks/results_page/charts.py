@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from mipbake.metrics import PAIR_SETS
+from mipbake.quality.metrics import PAIR_SETS
 from results_page.files import OPTIMUM, Results
 from results_page.svg import Axis, Drawing, spread
 from results_page.tables import PLACES

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mipbake.metrics import PAIR_SETS
+from mipbake.quality.metrics import PAIR_SETS
 from results_page.files import Results
 from results_page.tables import PLACES, by_lod, lod_heads, table
 

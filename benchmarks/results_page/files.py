@@ -12,7 +12,7 @@ import numpy as np
 from records.record import load
 from records.results import COSTS, File, unpack
 
-from mipbake.prefilter import METHODS
+from mipbake.baking.methods import METHODS
 
 SUBJECT, OPTIMUM, LINEAR = "neural", "optimum", "linear (box)"
 FOUR = ("linear (box)", "linear (gaussian)", "lean (box)", "lean (gaussian)")

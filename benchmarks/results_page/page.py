@@ -10,7 +10,7 @@ from pathlib import Path
 
 from records.wrapping import wrapped_page
 
-from mipbake.metrics import MEASURES, PAIR_SETS
+from mipbake.quality.metrics import MEASURES, PAIR_SETS
 from results_page import aims, charts, directional, standing, tables
 from results_page.files import FOUR, LINEAR, OPTIMUM, SUBJECT, Results, read
 from results_page.summary import summary

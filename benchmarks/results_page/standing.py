@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mipbake.compare.result import SCALES
-from mipbake.metrics import MEASURES, PAIR_SETS, mean_interval
+from mipbake.comparing.result import SCALES
+from mipbake.quality.metrics import MEASURES, PAIR_SETS, mean_interval
 from results_page.files import FOUR, LINEAR, OPTIMUM, SUBJECT, Results
 from results_page.tables import DIGITS, PLACES, average, lod_heads, loss, table
 

@@ -9,7 +9,7 @@ from statistics import fmean
 
 import numpy as np
 
-from mipbake.metrics import PAIR_SETS
+from mipbake.quality.metrics import PAIR_SETS
 from results_page.directional import targets
 from results_page.files import FOUR, LINEAR, OPTIMUM, SUBJECT, Results
 from results_page.standing import closed_gap, won

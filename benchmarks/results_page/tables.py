@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from mipbake.compare.result import SCALES
-from mipbake.metrics import MEASURES, PAIR_SETS, mean_interval
+from mipbake.comparing.result import SCALES
+from mipbake.quality.metrics import MEASURES, PAIR_SETS, mean_interval
 from results_page.files import OPTIMUM, SUBJECT, Results
 
 PLACES = {"near-mirror": "near the mirror", "hemisphere": "over the hemisphere", "sphere": "sphere"}

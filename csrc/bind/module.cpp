@@ -21,7 +21,7 @@ NB_MODULE(_native, m) {
         try {
             std::rethrow_exception(thrown);
         } catch (const mipbake::EnvironmentFault& fault) {
-            PyErr_SetString(nb::module_::import_("mipbake.errors").attr("UsageError").ptr(), fault.what());
+            PyErr_SetString(nb::module_::import_("mipbake.base.errors").attr("UsageError").ptr(), fault.what());
         }
     });
     m.doc() = "The native core of mipbake. Arguments are checked by the Python modules that call it, not here.";

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
-from mipbake.metrics import PAIR_SETS
+from mipbake.quality.metrics import PAIR_SETS
 from records.known import KNOWN
 from records.views_cards import CARD_VIEWS
 from records.views_films import FILM_VIEWS

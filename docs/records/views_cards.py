@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from mipbake.metrics import PAIR_SETS
 from mipbake.models.registry import list_weights
+from mipbake.quality.metrics import PAIR_SETS
 from records.results import File, unpack
 from records.wrapping import table, wrapped
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mipbake.metrics import PAIR_SETS
+from mipbake.quality.metrics import PAIR_SETS
 from records.record import Missing
 from records.scripts import script
 

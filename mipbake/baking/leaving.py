@@ -9,13 +9,13 @@ from pathlib import Path
 from mipbake.baking.recipe import document_changed, set_changed
 from mipbake.baking.results import NotBaked, Planned, Result, Unchanged
 from mipbake.baking.sets import Run
-from mipbake.errors import MipbakeError
-from mipbake.found import file_hashes
-from mipbake.io.layout import tiles_in
-from mipbake.io.leftovers import tidy
-from mipbake.io.publish import TRIAL
-from mipbake.jobs import Failure, Job
-from mipbake.output import GLB
+from mipbake.base.errors import MipbakeError
+from mipbake.base.leftovers import tidy
+from mipbake.base.publish import TRIAL
+from mipbake.source.found import file_hashes
+from mipbake.source.jobs import Failure, Job
+from mipbake.source.layout import tiles_in
+from mipbake.stack.output import GLB
 
 
 def together_at(job: Job | Failure) -> tuple[Path, str]:

@@ -5,20 +5,20 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from mipbake.adjust import Adjustments
-from mipbake.aim import Sampler, sampler_of
-from mipbake.bake import AUTO_TARGET, DEFAULT_FILTER, DEFAULT_METHOD, TARGETS
-from mipbake.errors import UsageError
-from mipbake.io.uastc import check_encoder
-from mipbake.jobs import Failure, Job
+from mipbake.baking.adjust import Adjustments
+from mipbake.baking.bake import AUTO_TARGET, DEFAULT_FILTER, DEFAULT_METHOD, TARGETS
+from mipbake.baking.methods import OPTIONS, method_named
+from mipbake.base.errors import UsageError
 from mipbake.material import GLTF_MODELS
-from mipbake.output import GLB, GLB_TEXELS, Output, check_outputs
-from mipbake.packing import SEPARATE
-from mipbake.pixel_filter import filter_named
-from mipbake.prefilter import OPTIONS, method_named
-from mipbake.presets import Preset, preset_named, wanted_outputs
-from mipbake.sidecars import FORMAT, check_sidecar
-from mipbake.texture_set import source_model
+from mipbake.material.aim import Sampler, sampler_of
+from mipbake.material.pixel_filter import filter_named
+from mipbake.source.images.uastc import check_encoder
+from mipbake.source.jobs import Failure, Job
+from mipbake.source.texture_set import source_model
+from mipbake.stack.output import GLB, GLB_TEXELS, Output, check_outputs
+from mipbake.stack.packing import SEPARATE
+from mipbake.stack.presets import Preset, preset_named, wanted_outputs
+from mipbake.stack.sidecars import FORMAT, check_sidecar
 
 
 @dataclass(frozen=True)
@@ -30,15 +30,15 @@ class BakeOptions:
         target: a material model, or "auto"; None: what the preset chooses, else "auto".
         sampler: as `mipbake.bake` takes it; None: what the preset chooses, for methods that take one.
         lod_bias: MIP bias of the sampler; None: what the sampler has.
-        preset: a name in `mipbake.presets.PRESETS`: an engine, which chooses what is None here.
+        preset: a name in `mipbake.stack.presets.PRESETS`: an engine, which chooses what is None here.
         format: formats separated by commas, each with texels where they are not the default: "exr,ktx2:uastc,glb".
             None: a GLB for glTF sources, "exr" for others. `ktx2` and `dds` without texels get the smallest that cost
             little.
-        packing: a name in `mipbake.packing.PACKINGS`. write_normals: "source", "opengl" or "directx".
+        packing: a name in `mipbake.stack.packing.PACKINGS`. write_normals: "source", "opengl" or "directx".
         max_level: the last level that is written; None for all.
-        keep_level0, strength, min_roughness: see `mipbake.adjust.Adjustments`.
-        sidecar: a name in `mipbake.sidecars.SIDECARS`: a list of PNG files for another program. They are written, each
-            map in a file of its own, where no others are.
+        keep_level0, strength, min_roughness: see `mipbake.baking.adjust.Adjustments`.
+        sidecar: a name in `mipbake.stack.sidecars.SIDECARS`: a list of PNG files for another program. They are written,
+            each map in a file of its own, where no others are.
     """
 
     method: str = DEFAULT_METHOD

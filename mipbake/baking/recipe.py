@@ -13,23 +13,23 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from mipbake._version import __version__
+from mipbake.baking.methods import OPTIONS
 from mipbake.baking.options import Asked, BakeOptions
-from mipbake.content import Recipe
-from mipbake.errors import InputError
-from mipbake.found import sources_of
-from mipbake.glb import made_from
-from mipbake.io import disk
-from mipbake.io.gltf.document import Document
-from mipbake.io.gltf.images import stored_image
-from mipbake.io.layout import manifest_name
-from mipbake.io.map_files import listed_files
-from mipbake.io.sources import Discovery, MapSource
-from mipbake.jobs import Job
-from mipbake.manifest import read_manifest
+from mipbake.base import disk
+from mipbake.base.errors import InputError
+from mipbake.base.version import __version__
 from mipbake.models.registry import WeightsInfo, find_weights, list_weights
-from mipbake.prefilter import OPTIONS
-from mipbake.texture_set import TextureSet
+from mipbake.source.found import sources_of
+from mipbake.source.gltf.document import Document
+from mipbake.source.gltf.images import stored_image
+from mipbake.source.jobs import Job
+from mipbake.source.layout import manifest_name
+from mipbake.source.sources import Discovery, MapSource
+from mipbake.source.texture_set import TextureSet
+from mipbake.stack.content import Recipe
+from mipbake.stack.gltf.glb import made_from
+from mipbake.stack.manifest import read_manifest
+from mipbake.stack.map_files import listed_files
 
 NEW = "there is no result yet"
 _CHUNK = 1 << 20  # bytes that are hashed at a time

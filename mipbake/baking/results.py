@@ -8,16 +8,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mipbake.compare.costs import Cost
-from mipbake.content import Provenance
-from mipbake.errors import MipbakeError
-from mipbake.found import SetReport
-from mipbake.glb_plain import PlainCost
-from mipbake.jobs import Failure, Job
-from mipbake.prefilter import Stop
-from mipbake.stack import MipStack
-from mipbake.texture_set import TextureSet
-from mipbake.timings import Timings
+from mipbake.baking.methods import Stop
+from mipbake.base.errors import MipbakeError
+from mipbake.base.timings import Timings
+from mipbake.source.found import SetReport
+from mipbake.source.jobs import Failure, Job
+from mipbake.source.texture_set import TextureSet
+from mipbake.stack.content import Provenance
+from mipbake.stack.costs import Cost
+from mipbake.stack.gltf.glb_plain import PlainCost
+from mipbake.stack.stack import MipStack
 
 if TYPE_CHECKING:
     from mipbake.baking.options import Asked

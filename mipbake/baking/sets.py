@@ -8,33 +8,33 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import Literal, TypeAlias
 
-from mipbake import memory
-from mipbake.adjust import adjusted
-from mipbake.bake import STOPPED, bake_in_sitting, resolve_target
+from mipbake.baking.adjust import adjusted
+from mipbake.baking.bake import STOPPED, bake_in_sitting, resolve_target
+from mipbake.baking.methods import METHODS, Sitting, discard, size_of
 from mipbake.baking.options import Asked
 from mipbake.baking.recipe import Ingredients, stopped
 from mipbake.baking.results import BakedSet, Listener, WrittenFile
-from mipbake.compare.checking import Check
-from mipbake.compare.compression import chosen, chosen_all, part_of
-from mipbake.compare.costs import Cost
-from mipbake.compare.ranges import chosen_ranges
-from mipbake.content import Recipe
-from mipbake.found import file_hashes, set_report
-from mipbake.glb import Encoded, encoded, multiple_of_side, output
-from mipbake.io.gltf.slots import BASE
-from mipbake.io.publish import IsOurs
-from mipbake.io.sources import Discovery
-from mipbake.io.tiles import FIRST
-from mipbake.jobs import Job, Read
-from mipbake.manifest import check_output, is_replaceable, is_stack_folder
+from mipbake.base import memory
+from mipbake.base.publish import IsOurs
+from mipbake.base.timings import Timings
 from mipbake.material import MODELS
-from mipbake.output import GLB_TEXELS, block_warnings, check_outputs
-from mipbake.prefilter import METHODS, Sitting, discard, size_of
-from mipbake.presets import Preset
-from mipbake.sidecars import FORMAT, sidecar_named
-from mipbake.stack import MipStack
-from mipbake.texture_set import TextureSet
-from mipbake.timings import Timings
+from mipbake.source.found import file_hashes, set_report
+from mipbake.source.gltf.slots import BASE
+from mipbake.source.jobs import Job, Read
+from mipbake.source.sources import Discovery
+from mipbake.source.texture_set import TextureSet
+from mipbake.source.tiles import FIRST
+from mipbake.stack.checking import Check
+from mipbake.stack.compression import chosen, chosen_all, part_of
+from mipbake.stack.content import Recipe
+from mipbake.stack.costs import Cost
+from mipbake.stack.gltf.glb import Encoded, encoded, multiple_of_side, output
+from mipbake.stack.manifest import check_output, is_replaceable, is_stack_folder
+from mipbake.stack.output import GLB_TEXELS, block_warnings, check_outputs
+from mipbake.stack.presets import Preset
+from mipbake.stack.ranges import chosen_ranges
+from mipbake.stack.sidecars import FORMAT, sidecar_named
+from mipbake.stack.stack import MipStack
 
 _OWN_MEMORY = 160 << 20
 """Bytes that a bake takes whatever the size of the set. Measured, and a guess for other machines."""
@@ -93,7 +93,7 @@ class Run:
         return is_replaceable if self.known else is_stack_folder
 
     def check_output(self, place: Path, sources: Mapping[str, str]) -> None:
-        """OutputError where results cannot be written to a folder: see `mipbake.manifest.check_output`."""
+        """OutputError where results cannot be written to a folder: see `mipbake.stack.manifest.check_output`."""
         check_output(place, None if self.known else dict.fromkeys(sources, "") if self.by_name else sources)
 
 

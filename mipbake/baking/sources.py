@@ -10,22 +10,22 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from mipbake._allocator import give_back_freed_memory
 from mipbake.baking.leaving import together_at, without_left
 from mipbake.baking.options import Asked, BakeOptions
 from mipbake.baking.results import BakedDocument, BakedSet, Listener, NotBaked, Result, WrittenFile
 from mipbake.baking.sets import BakedMaterial, Run, bake_job
-from mipbake.errors import InputError, MipbakeError, OutputError
-from mipbake.found import file_hashes
-from mipbake.glb import check_file, save_document
-from mipbake.intake import jobs
-from mipbake.io.gltf.write import check_images
-from mipbake.io.options import LoadOptions
-from mipbake.io.publish import published, temporary_folder
-from mipbake.jobs import Failure, Job
-from mipbake.loading import PathLike
-from mipbake.output import GLB
-from mipbake.texture_set import with_overrides
+from mipbake.base.allocator import give_back_freed_memory
+from mipbake.base.errors import InputError, MipbakeError, OutputError
+from mipbake.base.publish import published, temporary_folder
+from mipbake.source.found import file_hashes
+from mipbake.source.intake import jobs
+from mipbake.source.jobs import Failure, Job
+from mipbake.source.loading import PathLike
+from mipbake.source.options import LoadOptions
+from mipbake.source.texture_set import with_overrides
+from mipbake.stack.gltf.glb import check_file, save_document
+from mipbake.stack.gltf.write import check_images
+from mipbake.stack.output import GLB
 
 
 def bake_all(

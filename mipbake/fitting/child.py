@@ -16,9 +16,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any
 
-from mipbake.errors import RendererError
+from mipbake.base.errors import RendererError
+from mipbake.base.signals import uninterrupted
 from mipbake.fitting.protocol import as_answer
-from mipbake.io.signals import uninterrupted
 
 _KEPT = 20
 """Lines of each stream that errors show."""

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake._srgb import linear_to_srgb
+from mipbake.base.srgb import linear_to_srgb
 from mipbake.fitting.renderer import Array
-from mipbake.metrics.images import film_exposure, tonemapped
+from mipbake.quality.metrics.images import film_exposure, tonemapped
 
 ERRORS = ("both", "displayed", "plain")
 """What a fit can aim at. `both`: what a display shows, and linear radiance. `displayed`: what a display shows alone.
@@ -104,6 +104,6 @@ def worth(gains: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def displayed(image: Array, exposure: float) -> Array:
-    """`mipbake.metrics.displayed` of exposed radiance, in float32, which takes a quarter of the time."""
+    """`mipbake.quality.metrics.displayed` of exposed radiance, in float32, which takes a quarter of the time."""
     light: Any = tonemapped(image * np.float32(exposure))
     return np.asarray(linear_to_srgb(light), np.float32)

@@ -13,11 +13,11 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.errors import OutputError, RendererError
+from mipbake.base.errors import OutputError, RendererError
+from mipbake.base.messages import told_by
+from mipbake.base.publish import reason
 from mipbake.fitting.renderer import Array, Frame, Levels, Rectangle
-from mipbake.io.image_files import write_image
-from mipbake.io.messages import told_by
-from mipbake.io.publish import reason
+from mipbake.source.images.image_files import write_image
 
 _ALIGNED = 64
 """Bytes that every array begins at a multiple of: a line of a processor's cache."""

@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from mipbake.errors import UsageError
+from mipbake.base.checkpoints import alone_with
+from mipbake.base.errors import UsageError
 from mipbake.fitting.comparisons import ERRORS
 from mipbake.fitting.loop import FitSettings, Loop, Progress
 from mipbake.fitting.parameters import Parameters
@@ -22,10 +23,9 @@ from mipbake.fitting.shared import Rounds, rounds_told
 from mipbake.fitting.starts import Starts
 from mipbake.fitting.state import Checkpoint, FitState, kept_in, key_of
 from mipbake.fitting.supersampled import named
-from mipbake.io.checkpoints import alone_with
-from mipbake.pixel_filter import filter_named
-from mipbake.stack import MipStack
-from mipbake.texture_set import TextureSet
+from mipbake.material.pixel_filter import filter_named
+from mipbake.source.texture_set import TextureSet
+from mipbake.stack.stack import MipStack
 
 _HELD_OUT_EVERY = 5  # of so many views one is held out, where none are given
 

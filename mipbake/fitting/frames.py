@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.errors import RendererError
+from mipbake.base.errors import RendererError
 from mipbake.fitting.renderer import Array, Levels, Renderer
 
 _FARTHEST = 2.0**16

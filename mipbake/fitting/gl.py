@@ -43,12 +43,12 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
+from mipbake.comparing.meshes.mesh import Mesh
 from mipbake.fitting.gl_textures import TEXELS, GlTextures, loaded_moderngl
 from mipbake.fitting.renderer import Array, Frame, Levels
 from mipbake.fitting.views import View
 from mipbake.material import GLTF_MODELS, MODELS
-from mipbake.render.mesh import Mesh
 
 MAX_LIGHTS = 64
 """Most lights of a view: as many as an environment becomes. OpenGL 3.3 promises room for fewer than 128."""

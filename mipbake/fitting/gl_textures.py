@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake._extras import extra
-from mipbake._srgb import srgb_to_linear
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
+from mipbake.base.extras import extra
+from mipbake.base.srgb import srgb_to_linear
 from mipbake.fitting.renderer import Array, Levels
 from mipbake.material import COLOUR, MODELS
-from mipbake.pixel_filter import level_sizes
+from mipbake.material.pixel_filter import level_sizes
 
 TEXELS = ("rgba8", "rgba32f")
 """How textures hold texels: rounded to 8 bits, or not at all."""

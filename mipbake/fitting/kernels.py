@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake.comparing.meshes.mesh_render import Shot, candidate
+from mipbake.comparing.meshes.visible import Points, Surface
 from mipbake.fitting.parameters import Parameters
 from mipbake.fitting.renderer import Array, Frame, Levels
 from mipbake.fitting.views import View
 from mipbake.material import model_named
-from mipbake.render.mesh_render import Shot, candidate
-from mipbake.render.visible import Points, Surface
 
 if TYPE_CHECKING:
     from torch import Tensor

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import stochastic
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
 from mipbake.fitting.comparisons import ERRORS, decibels, worth
 from mipbake.fitting.parameters import Parameters
 from mipbake.fitting.prepared import TEXELS, Prepared, render_pixels, scores, scores_of_levels

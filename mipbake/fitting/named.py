@@ -11,7 +11,7 @@ from functools import wraps
 from pathlib import Path
 from typing import Any
 
-from mipbake.errors import InputError, MipbakeError, RendererError, UsageError
+from mipbake.base.errors import InputError, MipbakeError, RendererError, UsageError
 from mipbake.fitting.renderer import Frame, Levels, Renderer
 from mipbake.fitting.views import standard_views
 

@@ -10,13 +10,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake._srgb import linear_to_srgb, srgb_to_linear
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
+from mipbake.base.srgb import linear_to_srgb, srgb_to_linear
 from mipbake.fitting.renderer import Array, Levels
 from mipbake.material import MAX_LOG_ALPHA2, MIN_LOG_ALPHA2, Kind, MaterialModel, model_named
 from mipbake.material.kinds import COLOUR, LOG, SIGNED
 from mipbake.material.model import with_unit_length
-from mipbake.pixel_filter import level_sizes
+from mipbake.material.pixel_filter import level_sizes
 from mipbake.stochastic import Channels, Contributions
 
 STEP = 1 / 255

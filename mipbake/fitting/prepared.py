@@ -10,14 +10,14 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.errors import RendererError, UsageError
+from mipbake.base.errors import RendererError, UsageError
 from mipbake.fitting.comparisons import Comparison, comparisons, decibels, joined
 from mipbake.fitting.frames import Looked, image_of, looked, rendered
 from mipbake.fitting.parameters import Parameters
 from mipbake.fitting.renderer import Array, Levels, Renderer
 from mipbake.fitting.stamps import tiles_of
 from mipbake.fitting.supersampled import named, supersampled
-from mipbake.pixel_filter import PixelFilter
+from mipbake.material.pixel_filter import PixelFilter
 from mipbake.stochastic import Contributions, contributions, touched_texels
 
 TEXELS = ("all", "nearest")

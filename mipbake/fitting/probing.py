@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import stochastic
-from mipbake.errors import RendererError
+from mipbake.base.errors import RendererError
 from mipbake.fitting.parameters import Parameters
 from mipbake.fitting.prepared import Prepared, render_pixels
 from mipbake.fitting.renderer import Array, Levels, Renderer

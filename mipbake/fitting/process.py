@@ -16,16 +16,16 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from mipbake.errors import OutputError, RendererError, UsageError
+from mipbake.base.errors import OutputError, RendererError, UsageError
+from mipbake.base.leftovers import begun, tidy
+from mipbake.base.publish import reason
+from mipbake.base.signals import uninterrupted
+from mipbake.comparing.meshes.mesh import Mesh
 from mipbake.fitting.child import Child, command_of
 from mipbake.fitting.exchange import EXCHANGES, Exchange, bytes_of
 from mipbake.fitting.protocol import check_answer, glb_of, name_of, request_line, view_as_json
 from mipbake.fitting.renderer import Frame, Levels
 from mipbake.fitting.views import View
-from mipbake.io.leftovers import begun, tidy
-from mipbake.io.publish import reason
-from mipbake.io.signals import uninterrupted
-from mipbake.render.mesh import Mesh
 
 _MEMORY = Path("/dev/shm")
 """Where files of Linux lie in memory."""

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from mipbake.errors import InputError, RendererError, UsageError
+from mipbake.base import disk, json_text
+from mipbake.base.errors import InputError, RendererError, UsageError
+from mipbake.comparing.meshes.mesh import Mesh
 from mipbake.fitting.views import View
-from mipbake.io import disk, json_text
-from mipbake.io.gltf.container import packed
-from mipbake.render.mesh import Mesh
+from mipbake.source.gltf.container import packed
 
 VERSION = 1
 """Of the protocol. Another one where a program of this one would no longer understand, or be understood."""

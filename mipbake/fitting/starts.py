@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
 from mipbake.fitting.parameters import Parameters
 from mipbake.fitting.renderer import Array
-from mipbake.stack import MipStack
+from mipbake.stack.stack import MipStack
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.errors import InputError, RendererError
+from mipbake.base.checkpoints import DAMAGED, read_arrays, write_arrays
+from mipbake.base.errors import InputError, RendererError
+from mipbake.base.publish import check_file, writing
 from mipbake.fitting.renderer import Array
-from mipbake.io.checkpoints import DAMAGED, read_arrays, write_arrays
-from mipbake.io.publish import check_file, writing
 from mipbake.stochastic import Moments
 
 _FORMAT = 5

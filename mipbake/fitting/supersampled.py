@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
 from mipbake.fitting.frames import rendered, summed, with_cover
 from mipbake.fitting.renderer import Array, Levels, Renderer
-from mipbake.pixel_filter import PixelFilter
-from mipbake.reference.sequences import SEQUENCE
+from mipbake.material.pixel_filter import PixelFilter
+from mipbake.quality.reference.sequences import SEQUENCE
 
 
 def supersampled(

@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
+from mipbake.comparing.meshes.mesh import Mesh
 from mipbake.fitting.renderer import Array, Frame, Levels, Rectangle
 from mipbake.fitting.three_page import Page
 from mipbake.fitting.views import View
 from mipbake.material import GLTF_MODELS
-from mipbake.render.mesh import Mesh
 
 THREE = "0.187.0"
 """The version of the npm package `three` that this was tried with."""

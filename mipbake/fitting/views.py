@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.pixel_filter import level_sizes
-from mipbake.render.camera import Camera
-from mipbake.render.environment import Lighting, directional
-from mipbake.render.mesh import Mesh
-from mipbake.render.shapes import plane
+from mipbake.comparing.meshes.camera import Camera
+from mipbake.comparing.meshes.mesh import Mesh
+from mipbake.comparing.meshes.shapes import plane
+from mipbake.material.pixel_filter import level_sizes
+from mipbake.quality.environment import Lighting, directional
 
 SCALES = ("near", "1:1", "middle", "far")
 """Scales of docs/conventions.md, section 4, each with the views whose level of detail is nearest to it."""

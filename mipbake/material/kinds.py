@@ -34,7 +34,7 @@ LEAST_STRENGTH = 1e-3
 away from 0 itself."""
 
 COLOUR, UNIT, SIGNED, LOG = "colour", "unit", "signed", "log"
-"""How files hold a channel (`mipbake.io.layout`)."""
+"""How files hold a channel (`mipbake.source.layout`)."""
 
 _FREE = (-math.inf, math.inf)
 
@@ -58,7 +58,7 @@ class Kind(Enum):
 class Facts:
     """What is true of every map of a kind.
 
-    Coordinates are what a descent moves (`mipbake.prefilter.search.texel_coordinates`) and, where a model has no
+    Coordinates are what a descent moves (`mipbake.baking.search.texel_coordinates`) and, where a model has no
     directions, what networks read and make (`mipbake.models.parameters`).
 
     Args:

@@ -74,7 +74,7 @@ class View:
         textures: the stored channels in the four channels of each texture. Where the first channels are red, green and
             blue of a colour, the texture is sRGB-encoded, and keeps its fourth channel linear.
         surface: the body of the GLSL function `Surface surfaceAt(vec2 uv, float lod)`. It reads the textures `uMap0`,
-            `uMap1` ... What it may call, and what a `Surface` is, stands in `mipbake/report/viewer/shaders.js`.
+            `uMap1` ... What it may call, and what a `Surface` is, stands in `mipbake/comparing/viewer/shaders.js`.
     """
 
     textures: tuple[tuple[int, ...], ...]

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
 from mipbake.material.beckmann import BECKMANN
 from mipbake.material.ggx import GGX
 from mipbake.material.gltf import GLTF, GLTF_ANISOTROPIC

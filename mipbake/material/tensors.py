@@ -14,8 +14,8 @@ MIN_NORMAL_Z = 0.02
 """Least height of a unit normal that is believed, where slopes reach 50, 89 degrees from flat: the range of slopes.
 
 Beyond it lie normals that point along the surface or into it, which no surface has. Of the 130 scanned sets that the
-limits of mipbake.io.normal were set on, 122 stay above it everywhere; the others have 1 to 87 texels below, of 2^18 or
-2^20, nearly all where rock overhangs."""
+limits of mipbake.source.normal were set on, 122 stay above it everywhere; the others have 1 to 87 texels below, of 2^18
+or 2^20, nearly all where rock overhangs."""
 
 
 def lift_normal(xy: Array) -> Array:

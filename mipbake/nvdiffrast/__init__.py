@@ -8,8 +8,8 @@ them, in its versions up to 0.3.3. The code is mipbake's own: this room renames 
 `mipbake.sampling` do, and computes nothing. `docs/primitives.md` lists what is identical, what goes beyond nvdiffrast,
 and what is not there.
 
-Tensors lie where the program makes them, on the processor too. Wrong use raises `mipbake.errors.UsageError`, with a
-sentence that names the argument.
+Tensors lie where the program makes them, on the processor too. Wrong use raises `mipbake.base.errors.UsageError`, with
+a sentence that names the argument.
 """
 
 from __future__ import annotations

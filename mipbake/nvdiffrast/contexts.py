@@ -6,9 +6,9 @@ import logging
 import threading
 from typing import TYPE_CHECKING, Any
 
-from mipbake._extras import extra
-from mipbake.device import PROCESSOR, checked_device
-from mipbake.errors import UsageError
+from mipbake.base.device import PROCESSOR, checked_device
+from mipbake.base.errors import UsageError
+from mipbake.base.extras import extra
 from mipbake.nvdiffrast.log import LOGGER
 from mipbake.raster import RasterizeContext
 

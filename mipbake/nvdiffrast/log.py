@@ -6,7 +6,7 @@ import logging
 import operator
 import sys
 
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
 
 __all__ = ["LOGGER", "get_log_level", "set_log_level"]
 

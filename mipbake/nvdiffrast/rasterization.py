@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from mipbake import raster
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
 from mipbake.nvdiffrast.contexts import RasterizeCudaContext, RasterizeGLContext
 
 if TYPE_CHECKING:

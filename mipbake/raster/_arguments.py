@@ -7,7 +7,7 @@ import operator
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
 
 Shape = tuple[int, ...]
 

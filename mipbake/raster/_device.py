@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
 from mipbake.raster._arguments import MAX_SPARSITY
 
 __all__ = ["check", "topology"]

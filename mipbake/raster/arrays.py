@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake._aligned import contiguous
-from mipbake.errors import UsageError
+from mipbake.base.aligned import contiguous
+from mipbake.base.errors import UsageError
 from mipbake.raster._arguments import (
     MAX_SPARSITY,
     Described,

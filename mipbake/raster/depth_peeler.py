@@ -5,7 +5,7 @@ from __future__ import annotations
 from types import TracebackType
 from typing import Any
 
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
 from mipbake.raster._arguments import check_context
 from mipbake.raster._door import door
 from mipbake.raster.context import RasterizeContext

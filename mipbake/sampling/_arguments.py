@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
 
 Shape = tuple[int, ...]
 

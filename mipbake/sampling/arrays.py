@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mipbake._aligned import contiguous
-from mipbake.errors import UsageError
+from mipbake.base.aligned import contiguous
+from mipbake.base.errors import UsageError
 from mipbake.sampling._arguments import (
     TextureMip,
     check_max_mip_level,

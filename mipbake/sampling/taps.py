@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake._aligned import contiguous
+from mipbake.base.aligned import contiguous
 
 Floats = NDArray[np.float32]
 

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mipbake._aligned import contiguous
-from mipbake.errors import UsageError
+from mipbake.base.aligned import contiguous
+from mipbake.base.errors import UsageError
 from mipbake.material import model_named
 from mipbake.shading._arguments import LIT_AXES, TurnedAway, batch_shape, is_black, lit_batch, per_texel
 

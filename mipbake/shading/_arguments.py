@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Literal, get_args
 
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
 
 Shape = tuple[int, ...]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake._aligned import contiguous
+from mipbake.base.aligned import contiguous
 from mipbake.material import model_named
 from mipbake.shading._arguments import TurnedAway, batch_shape, is_black, per_texel
 

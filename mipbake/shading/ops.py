@@ -7,10 +7,10 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from mipbake._aligned import aligned, check_dense
-from mipbake._forward_mode import refuse_tangents
-from mipbake._stream import current_stream
-from mipbake.errors import UsageError
+from mipbake.base.aligned import aligned, check_dense
+from mipbake.base.errors import UsageError
+from mipbake.base.forward_mode import refuse_tangents
+from mipbake.base.stream import current_stream
 from mipbake.material import model_named
 from mipbake.shading._arguments import TurnedAway, batch_shape, is_black, per_texel
 

@@ -25,7 +25,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
 from mipbake.stochastic._arrays import REAL, device_of, dtype_of, empty, given, is_array, stream_of, writable
 from mipbake.stochastic.elements import Channels, Contributions, Moments
 from mipbake.stochastic.touching import contributions, touched_texels, touched_vertices

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from mipbake._aligned import aligned, check_dense, contiguous
-from mipbake._stream import current_stream
-from mipbake.errors import UsageError
+from mipbake.base.aligned import aligned, check_dense, contiguous
+from mipbake.base.errors import UsageError
+from mipbake.base.stream import current_stream
 
 REAL = ("float32", "float64")
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
 from mipbake.stochastic._arrays import REAL, dtype_of, given, zeros
 
 MOST_CHANNELS = 64

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from mipbake.errors import UsageError
+from mipbake.base.errors import UsageError
 from mipbake.stochastic._arrays import device_of, empty, given, is_array, stream_of, zeros
 from mipbake.stochastic.elements import Contributions
 

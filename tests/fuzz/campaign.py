@@ -140,7 +140,7 @@ def work(seed: int, readers: Sequence[str], first: int) -> None:
     """The worker: reads inputs from `first` on for ever, and writes a line of JSON for each to stdout."""
     import resource
 
-    from mipbake.errors import MipbakeError
+    from mipbake.base.errors import MipbakeError
 
     from .readers import READERS
 

@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 import mipbake
-from mipbake.convert import convert
+from mipbake.baking.convert import convert
 
 from .. import gltf_files, mesh_files, mtlx_documents
 from ..input_files import pixels_for, write_image

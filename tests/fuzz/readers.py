@@ -13,17 +13,17 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import mipbake
-from mipbake.convert import open_material
-from mipbake.intake import jobs
-from mipbake.io.containers import FORMATS
-from mipbake.io.file_info import file_info
-from mipbake.io.gltf.write import check_images, rewritten
-from mipbake.io.inputs import expand
-from mipbake.io.options import LoadOptions
-from mipbake.io.read import read_header, read_image
-from mipbake.jobs import Failure
-from mipbake.render.environment import from_file
-from mipbake.render.mesh_file import read_mesh
+from mipbake.baking.convert import open_material
+from mipbake.comparing.meshes.mesh_file import read_mesh
+from mipbake.quality.environment import from_file
+from mipbake.source.images.read import read_header, read_image
+from mipbake.source.inputs import expand
+from mipbake.source.intake import jobs
+from mipbake.source.jobs import Failure
+from mipbake.source.options import LoadOptions
+from mipbake.stack.containers import FORMATS
+from mipbake.stack.file_info import file_info
+from mipbake.stack.gltf.write import check_images, rewritten
 
 Reader = Callable[[Path, Path], None]
 """Reads, given the folder and the file in it that is damaged. A MipbakeError is a right answer."""

@@ -11,17 +11,17 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.aim import SAMPLERS
-from mipbake.compare.candidates import Candidate
-from mipbake.compare.filming import FilmSettings, films_of, taken
-from mipbake.compare.pictures import RenderSettings
-from mipbake.compare.result import Method
-from mipbake.judging.probes import ProbeEffort
-from mipbake.prefilter import METHODS, Prefilter
-from mipbake.prefilter.search.descent_effort import DescentEffort
-from mipbake.prefilter.search.methods import Optimum, Refine
-from mipbake.reference.source import FilteredSource
-from mipbake.render.environment import lamps
+from mipbake.baking.methods import METHODS, Prefilter
+from mipbake.baking.search.descent_effort import DescentEffort
+from mipbake.baking.search.methods import Optimum, Refine
+from mipbake.comparing.candidates import Candidate
+from mipbake.comparing.filming import FilmSettings, films_of, taken
+from mipbake.comparing.pictures import RenderSettings
+from mipbake.comparing.result import Method
+from mipbake.material.aim import SAMPLERS
+from mipbake.quality.environment import lamps
+from mipbake.quality.judging.probes import ProbeEffort
+from mipbake.quality.reference.source import FilteredSource
 from mipbake.training import loop
 from mipbake.training.batches import batches
 from mipbake.training.config import TrainingConfig

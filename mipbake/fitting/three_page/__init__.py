@@ -29,8 +29,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.errors import RendererError
-from mipbake.io.publish import temporary_folder
+from mipbake.base.errors import RendererError
+from mipbake.base.publish import temporary_folder
 
 __all__ = ["START_SECONDS", "Page"]
 

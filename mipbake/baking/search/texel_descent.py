@@ -1,0 +1,366 @@
+"""Descent on the texels of a stack (methods.py says what for).
+
+A round draws pixels, pairs and estimates of the reference anew (pixel_samples.py) and takes a few steps on them. Each
+texel is divided by a curvature matrix of its own: the Gauss-Newton matrices of all pixels that look it up, each
+weighted by the texel's share in the lookup. Shares sum to 1, so by Jensen's inequality these blocks bound the coupled
+matrix from above: all texels step at once without overshooting.
+
+The noise of a round is averaged in two ways. Curvature of past rounds holds texels where they are, as in recursive
+least squares, so steps shrink like 1 / rounds; and what is kept is an average over rounds, later ones counting more.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake.baking.prefilter import Progress, say
+from mipbake.baking.search import rounds
+from mipbake.baking.search.crops import Crop
+from mipbake.baking.search.descent_effort import DescentEffort
+from mipbake.baking.search.pair_weights import PairWeights
+from mipbake.baking.search.picture_samples import PictureChunk, picture_chunks, texels_around
+from mipbake.baking.search.pixel_samples import Chunk, Lobes, common_pairs, estimates, own_pairs
+from mipbake.baking.search.rounds import Held
+from mipbake.quality.judging.judge import Asked, Judge
+from mipbake.quality.judging.scores import Errors, Scores, spoken_snr
+from mipbake.quality.judging.weights import SINGLE_LIGHTS, Weights
+from mipbake.quality.reference.problem import Image, Problem, Region
+
+CHECK = 5
+"""Rounds between two looks at what the stack is worth."""
+
+_PICTURES = 16  # of a level and round
+_STILL = 2  # looks in a row at which nothing moved, after which a region is done
+_CONVERGED = 0.01  # nepers gained between two looks from which a level counts as moving
+_OWN_PAIRS = 3  # levels whose pixels have pairs of their own
+# Times as many common pairs, at most; where pixels are more than this, fewer.
+_COMMON, _COMMON_PIXELS = 4, 2048
+_LEAST_PIXELS = 128  # pixels of a level and round: the coarsest levels have a texel or two
+
+
+class Descent:
+    """What regions are optimised for, and how.
+
+    Args:
+        moving: whether the texels of each level may move.
+        effort: effort on a region.
+        trust: how many rounds of evidence the start is worth: it holds texels as so many past rounds would.
+        judged_by: what errors count.
+        typical: (C,) stored channels of the model PLAIN that shade about as bright as the whole set; None for the mean
+            of the wide lobes.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        moving: Sequence[bool],
+        effort: DescentEffort,
+        trust: float = 0.0,
+        judged_by: Weights = SINGLE_LIGHTS,
+        typical: Image | None = None,
+    ) -> None:
+        self.problem, self.moving, self.effort, self.trust = problem, moving, effort, trust
+        self.judged_by = judged_by
+        self._typical = typical
+
+    @cached_property
+    def lobes(self) -> list[Lobes]:
+        """What half vectors of fine levels are drawn from: stacks, which coarse levels do without."""
+        return Lobes.under(self.problem)
+
+    @property
+    def typical(self) -> Image:
+        """(C,) stored channels of PLAIN that shade about as bright as the whole set."""
+        return self.lobes[-1].levels[-1][0, 0] if self._typical is None else self._typical
+
+
+class Stopped(Exception):  # noqa: N818  it is no error
+    """A region was left before it was done."""
+
+
+@dataclass(frozen=True, eq=False)
+class TexelState:
+    """How far the texels of a level are in a region, (h, w, ...) each.
+
+    Args:
+        coordinates, inside: where they are now, as coordinates and as stored channels.
+        curvature, mean: what past rounds left. looked: stored channels at the last look. best: at the best look.
+    """
+
+    coordinates: Image
+    inside: Image
+    curvature: Image
+    mean: Image
+    looked: Image
+    best: Image
+
+
+@dataclass(frozen=True, eq=False)
+class RegionState:
+    """How far a descent in a region is, between two rounds: what it goes on from, to the last bit.
+
+    Args:
+        rounds: that were worked. still: looks in a row at which nothing moved. least: what the best look was worth.
+        rng: state of the generator. seconds: that it took so far. texels: level to the state of its texels.
+    """
+
+    rounds: int
+    still: int
+    least: float
+    rng: Mapping[str, Any]
+    seconds: float
+    texels: Mapping[int, TexelState]
+
+
+@dataclass(frozen=True)
+class Watch:
+    """What a descent in a region is told and asked.
+
+    Args:
+        start: where it goes on; None for the beginning.
+        stop: asked many times in a round whether to leave.
+        worked: told after each round how many there were, and what makes the state.
+        left: told the state where it was left before it was done; None for before the first round.
+    """
+
+    start: RegionState | None = None
+    stop: Callable[[], bool] = lambda: False
+    worked: Callable[[int, Callable[[], RegionState]], None] = lambda _rounds, _state: None
+    left: Callable[[RegionState | None], None] = lambda _: None
+
+
+def descend(
+    descent: Descent,
+    levels: list[Image],
+    region: Region,
+    rng: np.random.Generator,
+    deadline: float = math.inf,
+    progress: Progress = lambda _: None,
+    watch: Watch = Watch(),
+) -> int:
+    """Optimises the texels of a region, until looks at other renders of it see no gain.
+
+    Args:
+        levels: (H_L, W_L, C) the stack, changed in place inside the region.
+        deadline: time.monotonic() after which no round begins.
+        progress: where it takes notes, it is told the SNR at each look.
+        watch: what it goes on from, and who may stop it. Inside the region, levels are as before its first round.
+
+    Returns:
+        The rounds that were worked.
+    """
+    work = _Working(descent, levels, region, rng, progress, watch.start)
+    began = time.monotonic() - (watch.start.seconds if watch.start else 0.0)
+    effort, looked = descent.effort, work.done % CHECK == 0
+
+    def pause() -> None:
+        if watch.stop():
+            raise Stopped
+
+    def draw(turn: int) -> tuple[list[tuple[Chunk, Image]], list[PictureChunk]]:
+        return _draw(descent, work.crops, work.weights, region, turn, np.random.default_rng([work.seed, turn]), pause)
+
+    # What a round is fitted to does not hang on where the texels are: it is drawn while the last one is worked on.
+    with ThreadPoolExecutor(1) as ahead_of_time:
+        begin = bool(work.free) and work.still < _STILL and work.done < effort.rounds
+        begin = begin and (not work.done or time.monotonic() < deadline)
+        drawn = ahead_of_time.submit(draw, work.done) if begin else None
+        try:
+            while drawn is not None:
+                started = time.monotonic()
+                renders, pictures = drawn.result()
+                more = work.done + 1 < effort.rounds and started < deadline
+                drawn = ahead_of_time.submit(draw, work.done + 1) if more else None
+                work.round(renders, pictures, pause)
+                del renders, pictures
+                finished = time.monotonic()
+                # Half a round late is no later on average than half a round early.
+                late = finished + (finished - started) / 2 > deadline
+                share = (finished - began) / max(1e-9, deadline - began)
+                progress(min(1.0, max(work.done / effort.rounds, share)))
+                looked = not (work.done % CHECK and drawn is not None and not late)
+                if looked:
+                    work.look()
+                if looked and (work.still == _STILL or late):
+                    if drawn is not None:
+                        drawn.cancel()
+                    break
+                watch.worked(work.done, lambda: work.state(time.monotonic() - began))
+        except Stopped:
+            watch.left(work.state(time.monotonic() - began) if work.done else None)
+    if not looked:  # rounds that nobody has looked at yet may be the best
+        work.look()
+    work.finish()
+    return work.done
+
+
+class _Working:
+    """A descent at work in a region: what `descend` has of its texels, from round to round."""
+
+    def __init__(
+        self,
+        descent: Descent,
+        levels: list[Image],
+        region: Region,
+        rng: np.random.Generator,
+        progress: Progress,
+        start: RegionState | None,
+    ) -> None:
+        self._descent, self._levels, self._region, self._rng = descent, levels, region, rng
+        self._progress = progress
+        problem, moving = descent.problem, descent.moving
+        near = range(max(0, region.levels.start - 1), min(len(levels), region.levels.stop + 1))
+        self.crops = {
+            i: Crop(levels[i], region, problem, i in region.levels and moving[i], texels_around(problem, region, i))
+            for i in near
+        }
+        self.free = {i: crop for i, crop in self.crops.items() if crop.free}
+        for crop in self.free.values():
+            crop.move(crop.coordinates)
+        self._scores = _looks(problem, region, descent.effort, int(rng.integers(1 << 31)))
+        errors = self._scores.stack_errors(levels)
+        self._judge = Judge([Asked.of(each.score) for each in errors], descent.judged_by)
+        self.weights = PairWeights(self._scores, self._judge, descent.typical)
+        self.weights.update(errors)
+        self._helds = {i: Held() for i in self.free}
+        self._last = _values(self._judge, errors)
+        self._least, self._best = self._last.sum(), _within(levels, self.free)
+        self.done, self.still, self.seed = 0, 0, int(rng.integers(1 << 31))
+        if start is not None:
+            self._go_on(start)
+
+    def _go_on(self, start: RegionState) -> None:
+        self.done, self.still, self._least = start.rounds, start.still, start.least
+        self._rng.bit_generator.state = start.rng
+        for i, crop in self.free.items():
+            texels = start.texels[i]
+            crop.put(texels.coordinates, texels.inside)
+            self._helds[i] = Held(texels.curvature, texels.mean)
+            self._levels[i][crop.window], self._best[i] = texels.looked, texels.best
+        errors = self._scores.stack_errors(self._levels)
+        self.weights.update(errors)
+        self._last = _values(self._judge, errors)
+
+    def state(self, seconds: float) -> RegionState:
+        """What a descent can go on from."""
+        texels = {}
+        for i, crop in self.free.items():
+            held, looked = self._helds[i], self._levels[i][crop.window].copy()
+            assert held.curvature is not None and held.mean is not None
+            texels[i] = TexelState(crop.coordinates, crop.inside, held.curvature, held.mean, looked, self._best[i])
+        rng = self._rng.bit_generator.state
+        return RegionState(self.done, self.still, float(self._least), rng, seconds, texels)
+
+    def round(self, renders: Sequence[tuple[Chunk, Image]], pictures: list[PictureChunk], pause: rounds.Pause) -> None:
+        """One round; where it is stopped, all is as it was before the round."""
+        before = {i: (crop.coordinates, crop.now, replace(self._helds[i])) for i, crop in self.free.items()}
+        rng, effort = self._rng.bit_generator.state, self._descent.effort
+        try:
+            drawn = rounds.Drawn.of(self.crops, renders, self.weights, pictures)
+            rounds.work(self.free, self._helds, drawn, effort.steps, self._descent.trust, self.done, self._rng, pause)
+        except Stopped:
+            for i, crop in self.free.items():
+                crop.coordinates, crop.now, self._helds[i] = before[i]
+            self._rng.bit_generator.state = rng
+            raise
+        self.done += 1
+
+    def look(self) -> None:
+        """What the stack is worth now, in renders that no round is fitted to."""
+        levels, scores = self._levels, self._scores
+        for i, crop in self.free.items():
+            mean = self._helds[i].mean
+            assert mean is not None
+            levels[i][crop.window] = crop.values(mean)
+        errors = scores.stack_errors(levels)
+        self.weights.update(errors)
+        now = _values(self._judge, errors)
+        say(self._progress, spoken_snr(np.mean([each.score.decibels for each in errors], 0)))
+        gains = _per_level(self._last - now, self._region, scores.lods)
+        self._last = now
+        if now.sum() < self._least:
+            self._least, self._best = now.sum(), _within(levels, self.free)
+        self.still = self.still + 1 if (gains < _CONVERGED).all() else 0
+
+    def finish(self) -> None:
+        """Where the last rounds lost more than they gained, the texels are as the best look found them."""
+        for i, crop in self.free.items():
+            self._levels[i][crop.window] = self._best[i]
+
+
+def pixels_of_round(problem: Problem, region: Region, level: int) -> int:
+    """About how many pixels of a level a round in a region draws."""
+    height, width = problem.sizes[level]
+    return max(_LEAST_PIXELS, math.ceil(float(height * width * region.extent.prod())))
+
+
+def renders_of_pixel(level: int, pixels: int, pairs: int) -> int:
+    """How many renders each of so many pixels of a level has in a round: a pair each; the effort says `pairs`."""
+    return pairs if level < _OWN_PAIRS else pairs * max(1, min(_COMMON, _COMMON_PIXELS // pixels))
+
+
+def _within(levels: Sequence[Image], free: dict[int, Crop]) -> dict[int, Image]:
+    """Copies of what crops hold of each level."""
+    return {i: levels[i][crop.window].copy() for i, crop in free.items()}
+
+
+def _looks(problem: Problem, region: Region, effort: DescentEffort, seed: int) -> Scores:
+    """Renders of a region, at the levels of detail of its levels and half a level further."""
+    lods = [level + half for level in region.levels for half in (0.0, 0.5) if level + half <= problem.last]
+    return Scores(problem, effort.looks, [seed], lods, region)
+
+
+def _values(judge: Judge, errors: Sequence[Errors]) -> NDArray[np.float64]:
+    """(M,) what a stack is worth at each level of detail."""
+    return np.array([judge.value(each.score, index) for index, each in enumerate(errors)])
+
+
+def _per_level(gains: NDArray[np.float64], region: Region, lods: Sequence[float]) -> NDArray[np.float64]:
+    """(levels,) means of (M,) nepers over the levels of detail within 1/2."""
+    near = [np.abs(np.array(lods) - level) <= 0.5 for level in region.levels]
+    return np.array([gains[each].mean() for each in near])
+
+
+def _some(uv: NDArray[np.float64], thinned: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    """One in so many of (P, 2) pixels, at random, in their order; no fewer than a round has at least."""
+    if thinned == 1:
+        return uv
+    count = max(min(len(uv), _LEAST_PIXELS), len(uv) // thinned)
+    return np.asarray(uv[np.sort(rng.permutation(len(uv))[:count])])
+
+
+def _draw(
+    descent: Descent,
+    crops: dict[int, Crop],
+    weights: PairWeights,
+    region: Region,
+    turn: int,
+    rng: np.random.Generator,
+    pause: rounds.Pause,
+) -> tuple[list[tuple[Chunk, Image]], list[PictureChunk]]:
+    """The chunks of a round, with (K, P, 3) estimates of the reference."""
+    problem, effort = descent.problem, descent.effort
+    free = {i for i, crop in crops.items() if crop.free}
+    out, pictures = list[tuple[Chunk, Image]](), list[PictureChunk]()
+    for level in region.levels:
+        uv = _some(crops[level].pixels(_LEAST_PIXELS, rng), problem.thinned, rng)
+        if level < _OWN_PAIRS:
+            chunks = own_pairs(problem, descent.lobes, level, uv, effort.pairs, turn, rng)
+        else:
+            many = renders_of_pixel(level, len(uv), effort.pairs)
+            chunks = common_pairs(problem, weights.pairs(level), level, uv, many, rng)
+        for chunk in chunks:
+            pause()
+            if any(index in free for index, _ in chunk.seen):
+                out.append((replace(chunk, pixels=len(uv)), estimates(problem, chunk, effort.samples, rng)))
+        pictures += picture_chunks(problem, region, level, _PICTURES, effort.samples, rng)
+    return out, [chunk for chunk in pictures if any(index in free for index, _ in chunk.seen)]

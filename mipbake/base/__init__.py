@@ -1,0 +1,1 @@
+"""What every room stands on: errors, files and how they get onto the disk, memory, threads, devices, colours."""

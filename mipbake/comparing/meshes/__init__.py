@@ -1,0 +1,1 @@
+"""Meshes, and renders and films of them."""

@@ -1,0 +1,276 @@
+"""Renders of a view for all candidates at once: their images, the reference, and every measure that applies to renders.
+
+All measures are taken over the interior, the pixels that lie wholly on the mesh: elsewhere a pixel shows an edge, which
+no texture is to blame for. Measures that look at whole pictures see the reference itself outside the interior, even in
+the candidate, so that edges and the background show no difference there; their maps are then averaged over the interior
+only. Within some ten pixels of an edge FLIP and SSIM therefore see less of an error than in the open.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake.comparing.candidates import Candidate
+from mipbake.comparing.meshes import mesh_render
+from mipbake.comparing.meshes.mesh_render import Cache, Frame, Passes, Reference, Shot
+from mipbake.comparing.result import Figure, Image, Rendered, Scene
+from mipbake.comparing.scenes import View, shifted
+from mipbake.material.aim import DEFAULT_SAMPLER
+from mipbake.quality.metrics import MEASURES, Measured, hdr_flip_exposures
+from mipbake.quality.metrics.images import displayed
+from mipbake.quality.reference.source import FilteredSource
+from mipbake.quality.samplers import RenderSampler
+
+MAX_PASSES = 768
+"""Most samples for each pixel of a reference, by default."""
+
+SHIFT = (0.5, 0.0)
+"""Pixels, to the right and upwards, between the two renders that flicker is measured of. Not tuned: flicker is
+defined by half a pixel (docs/validation.md)."""
+
+SHIFTED_SCALES = ("near", "1:1")
+"""Scales whose views are rendered a second time for flicker: coarser levels show no more than texture space does."""
+
+_MARGIN = 16  # pixels kept around the interior: beyond the reach of FLIP's filters and SSIM's window; not tuned
+
+Progress = Callable[[str, float], None]
+"""Is told what is under way, in a few words, and the finished share of it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """How renders of a view change when the picture moves by SHIFT.
+
+    Args:
+        scene: of the view.
+        reference: (H, W, 3) second minus first reference, linear radiance, signed.
+        images: method name to the candidate's change.
+        interior: (H, W) bool, interior of both renders.
+    """
+
+    scene: Scene
+    reference: Image
+    images: Mapping[str, Image]
+    interior: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class RenderSettings:
+    """How views are rendered, the same for all.
+
+    Args:
+        seed: of the reference's samples.
+        max_passes: samples a pixel of the reference at most, an even number from 32 on.
+        sampler: how stacks are looked up.
+        cache: folder where references are kept for the next time; None for nowhere.
+    """
+
+    seed: int = 0
+    max_passes: int = MAX_PASSES
+    sampler: RenderSampler = DEFAULT_SAMPLER
+    cache: Path | None = None
+
+
+class RenderedView(NamedTuple):
+    """What `render_view` gives: the images, the figures in the order of candidates and MEASURES, the change, and the
+    renders that all of it is made from: each candidate's, by method name, and the reference."""
+
+    rendered: Rendered
+    figures: tuple[Figure, ...]
+    change: Change | None
+    frames: Mapping[str, Frame]
+    reference: Reference
+
+
+def render_view(
+    view: View,
+    source: FilteredSource,
+    candidates: Sequence[Candidate],
+    settings: RenderSettings = RenderSettings(),
+    progress: Progress = lambda _what, _share: None,
+    flicker: bool | None = None,
+) -> RenderedView:
+    """Renders a view once per pixel for every candidate, and its reference once for all, and measures.
+
+    SNR and flicker take the reference's halves apart, so that its noise biases neither; the other measures take their
+    mean, whose standard error the scene tells beside the error of the best candidate.
+
+    Args:
+        source: what the reference filters.
+        candidates: of any model, their levels starting at the source's size; different names.
+        settings: how the view is rendered.
+        progress: told the phase and its finished share.
+        flicker: whether to render the view a second time, half a pixel on; by default at SHIFTED_SCALES.
+
+    Returns:
+        No figures but nan where no pixel lies wholly on the mesh.
+    """
+
+    told = 0.0
+
+    def tell(share: float) -> None:
+        nonlocal told
+        told = max(told, share)  # a reference may turn out to need more passes than it seemed to
+        progress(view.name, told)
+
+    moving = view.scale in SHIFTED_SCALES if flicker is None else flicker
+    part = 0.35 if moving else 0.7  # share of the time that a reference takes
+    still = _render(view.shot, source, candidates, settings, 0, lambda share: tell(part * share))
+    moved = None
+    if moving:
+        shot = replace(view.shot, camera=shifted(view.camera, SHIFT))
+        moved = _render(shot, source, candidates, settings, 1, lambda share: tell(part * (1 + share)))
+    covered = still.frames[candidates[0].method.name]
+    reference = still.reference
+    scene = Scene(
+        name=view.name,
+        title=view.title,
+        view=view.view,
+        scale=view.scale,
+        lod=float(np.median(covered.lod[covered.coverage])) if covered.coverage.any() else math.nan,
+        resolution=view.resolution,
+        lighting=view.lighting.name,
+        passes=reference.passes,
+        standard_error=reference.standard_error,
+        candidate_error=reference.candidate_error,
+        converged=reference.converged,
+    )
+    figures: list[Figure] = []
+    maps: dict[str, NDArray[np.float32]] = {}
+    pictures = _Pictures(reference)
+    for index, (name, frame) in enumerate(still.frames.items()):
+        values, maps[name] = pictures.measure(frame)
+        if moved is not None:
+            values |= _flicker(still, moved, name)
+        figures += [
+            Figure(name, measure, view.view, view.scale, scene.lod, values[measure], math.nan, math.nan)
+            for measure in MEASURES
+            if measure in values
+        ]
+        tell(0.7 + 0.3 * (index + 1) / len(still.frames))
+    images = {name: frame.image for name, frame in still.frames.items()}
+    rendered = Rendered(scene, reference.image, images, reference.interior, maps)
+    change = None if moved is None else _change(scene, still, moved)
+    return RenderedView(rendered, tuple(figures), change, still.frames, reference)
+
+
+class _Renders(NamedTuple):
+    frames: Mapping[str, Frame]
+    reference: Reference
+
+
+def _render(
+    shot: Shot,
+    source: FilteredSource,
+    candidates: Sequence[Candidate],
+    settings: RenderSettings,
+    frame: int,
+    tell: Callable[[float], None],
+) -> _Renders:
+    """A picture, the frame of that number in a motion: the stochastic sampler draws every frame anew."""
+    frames = {
+        each.method.name: mesh_render.candidate(
+            shot,
+            each.levels,
+            each.method.model,
+            source.wrap,
+            settings.sampler,
+            rng=np.random.default_rng((settings.seed, frame)),
+        )
+        for each in candidates
+    }
+    most = settings.max_passes
+
+    def share(passes: int, ratio: float) -> None:
+        # Passes still needed, were the error to fall with the root of their number.
+        tell(min(1.0, passes / min(most, passes * max(1.0, ratio**2))))
+
+    cache = Cache(settings.cache) if settings.cache else None
+    reference = mesh_render.reference(
+        shot, source, settings.seed, list(frames.values()), Passes(most=most), share, cache
+    )
+    return _Renders(frames, reference)
+
+
+class _Pictures:
+    """A reference as each measure wants it, cut to where its interior is."""
+
+    def __init__(self, reference: Reference) -> None:
+        self._reference = reference
+        self._interior = reference.interior
+        self._empty = not self._interior.any()
+        if self._empty:
+            return
+        self._box = tuple(_reach(np.asarray(self._interior.any(1 - axis))) for axis in (0, 1))
+        self._inside = self._interior[self._box]
+        self._linear = np.maximum(reference.image[self._box], 0)  # signed filters undershoot
+        self._display = displayed(self._linear.astype(np.float64))
+        lit = self._linear[self._inside]
+        self._exposures = hdr_flip_exposures(lit) if lit.any() else None
+
+    def measure(self, frame: Frame) -> tuple[dict[str, float], NDArray[np.float32]]:
+        """Values of all measures of one picture, and the FLIP map of the whole picture, 0 off the
+        interior."""
+        flip = np.zeros(self._interior.shape, np.float32)
+        if self._empty:
+            return {name: math.nan for name, each in MEASURES.items() if each.needs not in ("frames", "film")}, flip
+        inside, reference = self._interior, self._reference
+        linear = np.where(self._inside[..., None], frame.image[self._box], self._linear)
+        display = np.where(self._inside[..., None], displayed(linear.astype(np.float64)), self._display)
+        values: dict[str, float] = {}
+        for name, measure in MEASURES.items():
+            if measure.needs == "estimates":
+                halves = reference.first[inside], reference.second[inside]
+                values[name] = _mean(measure.function(frame.image[inside], *halves), None)
+            elif name == "hdr-flip":
+                values[name] = math.nan
+                if self._exposures is not None:
+                    found = measure.function(linear, self._linear, exposures=self._exposures)
+                    values[name] = _mean(found, self._inside)
+            elif measure.needs == "linear":  # pixel by pixel
+                found = measure.function(linear[self._inside], self._linear[self._inside])
+                values[name] = _mean(found, None)
+            elif measure.needs == "display":
+                found = measure.function(display, self._display)
+                values[name] = _mean(found, self._inside)
+                if name == "flip" and isinstance(found, Measured):
+                    flip[self._box] = np.where(self._inside, found.per_pixel, 0)
+        return values, flip
+
+
+def _reach(used: NDArray[np.bool_]) -> slice:
+    """From the first to the last used row or column, with a margin on both sides as far as there is one."""
+    index = np.flatnonzero(used)
+    return slice(max(0, int(index[0]) - _MARGIN), int(index[-1]) + 1 + _MARGIN)
+
+
+def _mean(found: float | Measured, mask: NDArray[np.bool_] | None) -> float:
+    if isinstance(found, Measured):
+        return found.mean if mask is None else found.mean_over(mask)
+    return found
+
+
+def _flicker(still: _Renders, moved: _Renders, name: str) -> dict[str, float]:
+    inside = still.reference.interior & moved.reference.interior
+    frames = {name: measure for name, measure in MEASURES.items() if measure.needs == "frames"}
+    if not inside.any():
+        return dict.fromkeys(frames, math.nan)
+    p = np.stack([each.frames[name].image[inside] for each in (still, moved)])
+    first = np.stack([each.reference.first[inside] for each in (still, moved)])
+    second = np.stack([each.reference.second[inside] for each in (still, moved)])
+    return {measure: _mean(each.function(p, first, second), None) for measure, each in frames.items()}
+
+
+def _change(scene: Scene, still: _Renders, moved: _Renders) -> Change:
+    inside = still.reference.interior & moved.reference.interior
+    images = {
+        name: np.asarray(moved.frames[name].image - frame.image, np.float32) for name, frame in still.frames.items()
+    }
+    return Change(scene, moved.reference.image - still.reference.image, images, inside)

@@ -1,0 +1,226 @@
+"""The views that methods are compared in: spheres at the four scales, a receding plane, or a mesh of the user's."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mipbake import raster
+from mipbake.base.errors import InputError, UsageError
+from mipbake.comparing.meshes import shapes
+from mipbake.comparing.meshes.camera import Camera, orbit
+from mipbake.comparing.meshes.mesh import Mesh
+from mipbake.comparing.meshes.mesh_render import Shot
+from mipbake.comparing.result import SCALES
+from mipbake.quality.environment import Lighting
+from mipbake.quality.samplers import level_of_detail
+
+SPHERE_RESOLUTION = (256, 256)  # pixels
+PLANE_RESOLUTION = (256, 448)  # pixels
+
+EXPOSURE = 1.5
+"""Times the environments' own scale, under which a white matte sphere has radiance 1: pictures of common materials then
+fill the range of a display. Measures of absolute luminance (delta E ITP, HDR-FLIP) see this exposure too."""
+
+SMALLEST = 16
+"""Least pixels along each side of a view; the window of SSIM takes 11. A guess above that."""
+
+_SPHERE_ANGLE = 25.0  # vertical field of view, degrees
+_FILLED = 0.94  # share of the picture's half height that the sphere's radius fills
+_BOTTOM = 35.0  # degrees below the horizon of the lowest row of the plane
+_MESH_ANGLE = 30.0  # vertical field of view, degrees
+_MESH_FROM = (25.0, 15.0)  # azimuth and elevation, degrees
+# Times the distance at which the mesh fills the picture.
+_MESH_DISTANCES = {"near": 1.0, "middle": 3.0, "far": 8.0}
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """What is rendered.
+
+    Args:
+        mesh, camera, lighting: the scene.
+        resolution: (height, width) in pixels, at least SMALLEST each.
+        name: key, also of files: `sphere-near`, `sphere-1-1`, ...
+        title: what a reader is shown.
+        view: kind of the view: `sphere`, `plane` or `mesh`.
+        scale: a name in SCALES; empty for a view of all scales.
+
+    Raises:
+        UsageError: a resolution too small to compare images at.
+    """
+
+    mesh: Mesh
+    camera: Camera
+    lighting: Lighting
+    resolution: tuple[int, int]
+    name: str
+    title: str
+    view: str
+    scale: str
+
+    @property
+    def shot(self) -> Shot:
+        """What of it a renderer takes."""
+        return Shot(self.mesh, self.camera, self.lighting, self.resolution)
+
+    def __post_init__(self) -> None:
+        if min(self.resolution) < SMALLEST:
+            raise UsageError(
+                f"view {self.name} is {self.resolution[1]} x {self.resolution[0]} pixels: expected at least "
+                f"{SMALLEST} along each side, because the window of SSIM takes 11"
+            )
+
+
+@dataclass(frozen=True)
+class ShiftedCamera(Camera):
+    """A camera whose picture shows what lies `shift` pixels to the right of, and above, what the camera would show.
+
+    The eye stays where it is and looks the same way: a lens shift, exact in every pixel.
+    """
+
+    shift: tuple[float, float] = (0.0, 0.0)
+
+    def to_clip(
+        self, points: ArrayLike, resolution: tuple[int, int], offset: tuple[float, float] = (0.0, 0.0)
+    ) -> NDArray[np.float64]:
+        return super().to_clip(points, resolution, (offset[0] + self.shift[0], offset[1] + self.shift[1]))
+
+
+def exposed(lighting: Lighting) -> Lighting:
+    """The lighting at EXPOSURE."""
+    return Lighting(lighting.name, lighting.direction, lighting.radiance * EXPOSURE)
+
+
+def shifted(camera: Camera, shift: tuple[float, float]) -> Camera:
+    """The camera with its picture moved by `shift` pixels, columns to the right and rows upwards."""
+    c = camera
+    return ShiftedCamera(c.position, c.looks_at, c.up, c.field_of_view, c.near, c.far, shift)
+
+
+def standard_views(
+    size: tuple[int, int],
+    lighting: Lighting,
+    last_level: int,
+    resolution: tuple[int, int] = SPHERE_RESOLUTION,
+    plane_resolution: tuple[int, int] = PLANE_RESOLUTION,
+) -> tuple[View, ...]:
+    """Spheres at every scale, then a plane, for a texture of `size` (height, width), whose texels stay square on them.
+
+    A sphere's texture repeats so often that the median level of detail of the covered pixels is the middle of its
+    scale, or `last_level` where that is less. The plane recedes from one texel a pixel at the bottom to the last level
+    at the top, short of the horizon. The lighting is that given at EXPOSURE.
+
+    Raises:
+        UsageError: a resolution below SMALLEST.
+    """
+    lights = exposed(lighting)
+    return (*_spheres(size, lights, last_level, resolution), _plane(size, lights, last_level, plane_resolution))
+
+
+def mesh_views(
+    mesh: Mesh, size: tuple[int, int], lighting: Lighting, resolution: tuple[int, int] = SPHERE_RESOLUTION
+) -> tuple[View, ...]:
+    """A mesh as it is, from where it fills the picture, three times as far and eight times as far.
+
+    Its texture coordinates are left alone, so the scales `near`, `middle` and `far` are the mesh's, and their median
+    levels of detail for a texture of `size` (height, width) stand in the titles. The lighting is that given, at
+    EXPOSURE.
+
+    Raises:
+        InputError: a mesh without extent, or a mesh that cannot be seen.
+        UsageError: a resolution below SMALLEST.
+    """
+    low, high = mesh.bounds()
+    radius = float(np.linalg.norm(high - low)) / 2
+    if radius == 0:
+        raise InputError(f"mesh {mesh.name} has no extent: expected triangles with an area")
+    x, y, z = (float(c) for c in (low + high) / 2)
+    half = math.radians(_MESH_ANGLE) / 2
+    narrow = math.atan(math.tan(half) * min(1.0, resolution[1] / resolution[0]))
+    fitted = radius / math.sin(narrow)
+    views = []
+    for scale, times in _MESH_DISTANCES.items():
+        distance = fitted * times
+        seen = orbit(distance, *_MESH_FROM, (x, y, z), _MESH_ANGLE)
+        room = (max(distance - 1.1 * radius, 1e-3 * distance), distance + 1.1 * radius)
+        camera = Camera(seen.position, seen.looks_at, seen.up, _MESH_ANGLE, *room)
+        lod = median_lod(mesh, camera, resolution, size)
+        if math.isnan(lod):
+            raise InputError(
+                f"mesh {mesh.name} covers no pixel's centre from {times:g} times its size away: expected surfaces that "
+                "can be seen at this resolution"
+            )
+        title = f"{mesh.name}, {scale}, median lod {lod:.1f}"
+        views.append(View(mesh, camera, exposed(lighting), resolution, f"mesh-{scale}", title, "mesh", scale))
+    return tuple(views)
+
+
+def median_lod(mesh: Mesh, camera: Camera, resolution: tuple[int, int], size: tuple[int, int]) -> float:
+    """Median of the unclamped level of detail of all covered pixels, for a texture of `size`; nan where none is."""
+    clip: Any = camera.to_clip(mesh.positions, resolution)[None]
+    triangles: Any = mesh.triangles
+    uv: Any = mesh.uv
+    rast, rast_db = raster.rasterize(None, clip, triangles, resolution)
+    uv_da = raster.interpolate(uv, rast, triangles, rast_db, diff_attrs=[0, 1])[1]
+    covered = uv_da[rast[..., 3] > 0]
+    return float(np.median(level_of_detail(covered, size))) if len(covered) else math.nan
+
+
+def _spheres(size: tuple[int, int], lighting: Lighting, last_level: int, resolution: tuple[int, int]) -> Iterator[View]:
+    for scale, lods in SCALES.items():
+        lod = min(sum(lods) / 2, float(last_level))
+        shot = sphere_shot(size, lighting, lod, resolution)
+        title = f"Sphere, {scale} (median lod {lod:g})"
+        name = f"sphere-{scale.replace(':', '-')}"
+        yield View(shot.mesh, shot.camera, lighting, resolution, name, title, "sphere", scale)
+
+
+def sphere_shot(size: tuple[int, int], lighting: Lighting, lod: float, resolution: tuple[int, int]) -> Shot:
+    """A sphere that fills the picture, whose texture repeats so often that the median level of detail is `lod`."""
+    height, width = size
+    # From outside, the outline of the sphere is seen at the angle of the tangent, not at the angle of its poles.
+    angle = math.atan(_FILLED * math.tan(math.radians(_SPHERE_ANGLE) / 2) * min(1.0, resolution[1] / resolution[0]))
+    camera = orbit(1 / math.sin(angle), 0.0, 12.0, field_of_view=_SPHERE_ANGLE)
+    once = shapes.sphere(repeat=(2 * height / width, 1.0))  # twice as far around as from pole to pole
+    times = 2 ** (lod - median_lod(once, camera, resolution, size))
+    mesh = Mesh("sphere", once.positions, once.normals, once.uv * times, once.tangents, once.triangles)
+    return Shot(mesh, camera, lighting, resolution)
+
+
+def _plane(size: tuple[int, int], lighting: Lighting, last_level: int, resolution: tuple[int, int]) -> View:
+    shot = plane_shot(size, lighting, last_level, resolution)
+    return View(shot.mesh, shot.camera, lighting, resolution, "plane", f"Plane, lod 0 to {last_level}", "plane", "")
+
+
+def plane_shot(size: tuple[int, int], lighting: Lighting, last_level: int, resolution: tuple[int, int]) -> Shot:
+    """A receding plane: one texel a pixel at the bottom of the picture, and the last level at its top."""
+    # Seen from height 1, a ray at the angle a below the horizon meets the ground 1 / sin(a) away, and a pixel's
+    # footprint is drawn out by another 1 / sin(a): the level of detail rises by 2 log2(sin(bottom) / sin(top)).
+    bottom = math.radians(_BOTTOM)
+    top = math.asin(math.sin(bottom) / 2 ** (max(last_level, 1) / 2))
+    middle, angle = (bottom + top) / 2, bottom - top
+    reach = 4 / math.tan(top)
+    camera = Camera(
+        (0.0, 1.0, 0.0),
+        (0.0, 1.0 - math.sin(middle), -math.cos(middle)),
+        field_of_view=math.degrees(angle),
+        near=0.1,
+        far=2 * reach,
+    )
+    aspect = resolution[1] / resolution[0]
+    width, length = 2 * reach * math.tan(angle / 2) * aspect + 8, reach + 4
+    ground = shapes.plane(width, length)
+    # The ground starts behind the eye's foot and runs away from it.
+    positions = ground.positions + np.array([0, 0, 2 - length / 2])
+    # A pixel at the bottom is 2 tan(angle / 2) / height high at distance 1, and its footprint 1 / sin^2 longer.
+    distance = 1 / math.sin(bottom) * math.cos(angle / 2)  # along the view, at which the lowest row lies
+    texel = 2 * math.tan(angle / 2) / resolution[0] * distance / math.sin(bottom) / math.cos(angle / 2)
+    uv = positions[:, [0, 2]] / texel / np.array([size[1], size[0]], np.float64)
+    mesh = Mesh("plane", positions, ground.normals, uv, ground.tangents, ground.triangles)
+    return Shot(mesh, camera, lighting, resolution)

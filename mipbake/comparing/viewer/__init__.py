@@ -1,0 +1,238 @@
+"""The interactive view of a report: stacks on a lit plane, sphere or ball, one beside another or their difference.
+
+A page holds everything it needs, shaders and texels included, and opens from disk. The levels are uploaded as they
+were baked, none is made in the browser. Each side looks up its stack once per pixel, trilinearly, and shades once
+(docs/conventions.md); the reference supersamples level 0 of the source with the pixel filter.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+import math
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from string import Template
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mipbake.base.errors import UsageError
+from mipbake.material import MODELS, Kind, model_named
+from mipbake.material.pixel_filter import Wrap, filter_named
+from mipbake.source.layout import LAYOUTS, to_file
+from mipbake.stack.stack import MipStack
+
+__all__ = ["DEFAULT_LIGHTS", "MAX_LIGHTS", "LightSet", "Source", "texel_bytes", "viewer_fragment", "viewer_page"]
+
+MAX_LIGHTS = 64
+"""Directional lights in a set, at most: what every device with WebGL 2 has uniforms for."""
+
+_SCRIPTS = ("shaders.js", "shapes.js", "renderer.js", "viewer.js")
+
+_FILTER_BINS = 1024
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """What the reference is made from: level 0 before any prefiltering.
+
+    Args:
+        stored: (H, W, C) float32 stored channels.
+        model: a name in `mipbake.material.MODELS`; it may differ from the model of the stacks.
+        wrap: addressing along u and v, each "wrap" or "clamp".
+        name: what the viewer calls it.
+    """
+
+    stored: NDArray[np.float32]
+    model: str
+    wrap: Wrap = ("wrap", "wrap")
+    name: str = "reference"
+
+
+@dataclass(frozen=True, eq=False)
+class LightSet:
+    """Directional lights, the same for every side.
+
+    Args:
+        name: what the viewer calls it.
+        directions: (K, 3) unit vectors towards the lights, in the world: y up, a viewer in front at +z.
+        radiance: (K, 3) linear, times the solid angle that each light stands for.
+        height: degrees by which the viewer lifts +z of the set at first; 0 leaves the set as it is.
+    """
+
+    name: str
+    directions: NDArray[np.float64]
+    radiance: NDArray[np.float64]
+    height: float = 0.0
+
+
+def _soft_box(towards: ArrayLike, half_width: float, strength: float, colour: ArrayLike) -> tuple[Any, Any]:
+    """9 lights over a square around a direction; `half_width` at distance 1, `strength` the sum of their radiance."""
+    centre = np.asarray(towards, np.float64) / np.linalg.norm(towards)
+    right = np.cross([0.0, 1.0, 0.0], centre)
+    right /= np.linalg.norm(right)
+    places = [centre + half_width * (x * right + y * np.cross(centre, right)) for y in (-1, 0, 1) for x in (-1, 0, 1)]
+    directions = np.stack([p / np.linalg.norm(p) for p in places])
+    return directions, np.broadcast_to(np.asarray(colour, np.float64) * strength / 9, (9, 3))
+
+
+def _default_lights() -> tuple[LightSet, ...]:
+    one = np.array([[0.0, 0.0, 1.0]])
+    three = np.array([[-0.5, 0.62, 0.6], [0.85, 0.4, 0.35], [0.1, 0.45, -0.9]])
+    boxes = (
+        _soft_box([-0.6, 0.7, 0.6], 0.22, 2.2 * math.pi, [1.0, 0.97, 0.92]),
+        _soft_box([0.9, 0.45, 0.3], 0.22, 1.0 * math.pi, [0.86, 0.93, 1.0]),
+        _soft_box([0.2, 0.5, -0.9], 0.22, 1.2 * math.pi, [1.0, 1.0, 1.0]),
+    )
+    return (
+        LightSet(
+            "Three lights",
+            three / np.linalg.norm(three, axis=-1, keepdims=True),
+            math.pi * np.array([[2.0, 1.95, 1.85], [0.7, 0.76, 0.82], [0.9, 0.9, 0.9]]),
+        ),
+        LightSet("One light", one, np.full((1, 3), 2.5 * math.pi), height=40.0),
+        LightSet("Soft boxes", np.concatenate([b[0] for b in boxes]), np.concatenate([b[1] for b in boxes])),
+    )
+
+
+DEFAULT_LIGHTS: tuple[LightSet, ...] = _default_lights()
+"""Three separate lights, one light, and three soft boxes of nine lights each."""
+
+
+def viewer_page(
+    title: str,
+    stacks: Mapping[str, MipStack],
+    source: Source | None = None,
+    lights: Sequence[LightSet] = DEFAULT_LIGHTS,
+    pixel_filter: str = "gaussian",
+    half: bool = False,
+) -> str:
+    """A complete HTML page with the viewer in it; it needs no network and a browser with WebGL 2.
+
+    Args:
+        title: the page's heading.
+        stacks: the name that the viewer shows, to the stack; the first and the last one are compared at first.
+        source: what the reference supersamples; without it there is no reference. With it, B is the reference at first
+            where there is one stack.
+        lights: the light sets to choose from, the first one at first; up to 64 lights each.
+        pixel_filter: a name in `mipbake.material.pixel_filter.FILTERS`, the reference's.
+        half: texels in half floats, twice as large, instead of 8 bits (colours sRGB-encoded) as most engines store
+            them. Stacks of models that store logarithms are in half floats always.
+
+    Raises:
+        UsageError: no stack, an unknown filter or model, a source or lights that do not have the shape described.
+    """
+    fragment = viewer_fragment(stacks, source, lights, pixel_filter, half)
+    return Template(_text("page.html")).substitute(title=html.escape(title), viewer=fragment)
+
+
+def viewer_fragment(
+    stacks: Mapping[str, MipStack],
+    source: Source | None = None,
+    lights: Sequence[LightSet] = DEFAULT_LIGHTS,
+    pixel_filter: str = "gaussian",
+    half: bool = False,
+) -> str:
+    """The viewer as a piece of HTML for the body of another page: arguments and errors of `viewer_page`.
+
+    Its style rules begin with `mv-` or `mipbake-viewer`, and its script leaves no global name. A page may hold several.
+    """
+    scene = json.dumps(_scene(stacks, source, lights, pixel_filter, half), separators=(",", ":"))
+    scene = scene.replace("</", "<\\/")  # would end the script element
+    script = "\n".join([_surfaces(), *(_text(name) for name in _SCRIPTS)])
+    return (
+        f"<style>\n{_text('viewer.css')}</style>\n"
+        '<div class="mipbake-viewer"><noscript>The interactive view needs JavaScript.</noscript>\n'
+        f'<script type="application/json">{scene}</script></div>\n'
+        f"<script>\n(() => {{\n'use strict';\n{script}}})();\n</script>"
+    )
+
+
+def _surfaces() -> str:
+    """What each material model makes of its stored channels, in GLSL, for `shaders.js`."""
+    return f"const SURFACE_OF_MODEL = {json.dumps({name: model.view.surface for name, model in MODELS.items()})};"
+
+
+def _text(name: str) -> str:
+    return files(__name__).joinpath(name).read_text(encoding="utf-8")
+
+
+def _scene(
+    stacks: Mapping[str, MipStack], source: Source | None, lights: Sequence[LightSet], pixel_filter: str, half: bool
+) -> dict[str, Any]:
+    """What the script reads: stacks, source, filter table and lights."""
+    if not stacks:
+        raise UsageError("the viewer was given no stack: expected at least one")
+    if not lights:
+        raise UsageError("the viewer was given no light set: expected at least one")
+    if source is not None:
+        shape, channels = np.shape(source.stored), model_named(source.model).channels
+        if len(shape) != 3 or shape[-1] != channels or 0 in shape or not np.isfinite(source.stored).all():
+            raise UsageError(f"the viewer's source is {shape}: expected (H, W, {channels}) of finite numbers")
+    offsets, weights = filter_named(pixel_filter).offsets((np.arange(_FILTER_BINS) + 0.5) / _FILTER_BINS)
+    return {
+        "stacks": [_packed(name, s.model, s.levels, s.wrap, half) for name, s in stacks.items()],
+        "source": source and _packed(source.name, source.model, [source.stored], source.wrap, half),
+        "filter": {"offsets": np.round(offsets, 6).tolist(), "weights": np.round(weights, 6).tolist()},
+        "lights": [_light_set(light) for light in lights],
+    }
+
+
+def _light_set(light: LightSet) -> dict[str, Any]:
+    directions, radiance = np.asarray(light.directions, np.float64), np.asarray(light.radiance, np.float64)
+    count = len(directions)
+    if directions.shape != (count, 3) or radiance.shape != (count, 3) or not 1 <= count <= MAX_LIGHTS:
+        raise UsageError(
+            f"the light set {light.name!r} has directions {directions.shape} and radiance {radiance.shape}: "
+            f"expected (K, 3) both, K from 1 to {MAX_LIGHTS}"
+        )
+    lengths = np.linalg.norm(directions, axis=-1)
+    if not (np.abs(lengths - 1) < 1e-3).all() or not np.isfinite(radiance).all() or (radiance < 0).any():
+        raise UsageError(f"the light set {light.name!r} is expected to have unit directions and radiance from 0 up")
+    return {
+        "name": light.name,
+        "directions": np.round(directions / lengths[:, None], 7).tolist(),
+        "radiance": radiance.tolist(),
+        "height": light.height,
+    }
+
+
+def texel_bytes(model: str) -> int:
+    """Bytes of a texel in the view's textures."""
+    layout = model_named(model)
+    return len(layout.view.textures) * 4 * (2 if layout.logarithms else 1)
+
+
+def _packed(name: str, model: str, levels: Sequence[NDArray[np.float32]], wrap: Wrap, half: bool) -> dict[str, Any]:
+    """One stack as textures of four channels: `maps`, each every level in one string of base64.
+
+    A level is taken apart into planes, byte k of every texel, whose bytes are differences to the left neighbour's: that
+    deflates better than the texels themselves. 8-bit texels have 4 planes, half floats 8.
+    """
+    layout = model_named(model)
+    half = half or layout.logarithms
+    stored = [np.asarray(level, np.float32) if half else _as_in_files(level, model) for level in levels]
+    colours = [group.start for group in layout.of(Kind.REFLECTANCE)]
+    maps = []
+    for channels in layout.view.textures:
+        planes = []
+        for level in stored:
+            texels = np.zeros((*level.shape[:2], 4), np.float16 if half else np.uint8)
+            texels[..., : len(channels)] = level[..., channels] if half else np.rint(255 * level[..., channels])
+            parts = np.ascontiguousarray(texels).view(np.uint8).reshape(*level.shape[:2], -1).transpose(2, 0, 1)
+            planes.append(np.diff(parts, axis=2, prepend=np.uint8(0)).tobytes())
+        data = base64.b64encode(zlib.compress(b"".join(planes), 6)).decode("ascii")
+        maps.append({"srgb": channels[0] in colours, "data": data})
+    sizes = [level.shape[:2] for level in levels]
+    return {"name": name, "model": model, "wrap": list(wrap), "half": half, "sizes": sizes, "maps": maps}
+
+
+def _as_in_files(level: NDArray[np.float32], model: str) -> NDArray[np.float64]:
+    """(H, W, C) stored channels to the numbers from 0 to 1 that an 8-bit file holds, colours sRGB-encoded."""
+    parts = [to_file(level[..., layout.channels], layout.encodings, srgb=True) for layout in LAYOUTS[model]]
+    return np.clip(np.concatenate(parts, -1), 0, 1)

@@ -1,0 +1,130 @@
+"""Confidence intervals over light-view pairs: the percentile bootstrap.
+
+A figure is taken over pairs that were drawn at random. All are drawn from one density, and a row of sums has the weight
+of its pair in it, so rows are alike. The pairs are stratified, which the bootstrap does not know: intervals are
+somewhat too wide for that.
+The interval says how far the figure would move with other pairs of the same set. It says nothing of other materials,
+nor of the pixels and samples, which are many. Efron and Tibshirani 1993, "An introduction to the bootstrap", chapter
+13: pairs are drawn with replacement, as many as there are, and the interval holds the middle of the figures of many
+such draws. It needs no formula for the spread of a ratio of sums; with few pairs or heavy tails it is somewhat too
+narrow.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake.base.errors import UsageError
+from mipbake.quality.metrics.flicker import flicker_ratio_from_sums
+from mipbake.quality.metrics.snr import snr_from_sums
+
+CONFIDENCE = 0.95
+RESAMPLES = 2000
+SEED = 0
+
+Statistic = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+"""(..., M) sums over pairs to (...) figures."""
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A figure with its confidence interval; the bounds are nan where the figure is nan for a resample.
+
+    Args:
+        estimate: the figure of all pairs.
+        low, high: bounds, low not above high.
+        confidence: share of such intervals that hold the true figure, in (0, 1).
+    """
+
+    estimate: float
+    low: float
+    high: float
+    confidence: float
+
+
+def bootstrap(
+    statistic: Statistic,
+    sums: NDArray[np.floating],
+    confidence: float = CONFIDENCE,
+    resamples: int = RESAMPLES,
+    seed: int = SEED,
+) -> Interval:
+    """The interval of a figure that depends on sums over pairs.
+
+    Args:
+        statistic: from sums over pairs, (..., M), to the figures (...).
+        sums: (K, M), what each pair adds; K at least 2. A resample weights the rows by how often it drew each.
+        confidence: in (0, 1).
+        resamples: draws, at least 100.
+        seed: fixes the draws; figures of one K and seed share them, so their order is not blurred by chance.
+
+    Raises:
+        UsageError: values outside these ranges.
+    """
+    rows = np.asarray(sums, np.float64)
+    if rows.ndim != 2 or len(rows) < 2:
+        raise UsageError(f"sums have shape {rows.shape}: expected (pairs, sums), at least two pairs to resample")
+    if not 0 < confidence < 1 or resamples < 100:
+        raise UsageError(
+            f"confidence is {confidence} and resamples {resamples}: expected a confidence between 0 and 1 and at least "
+            "100 resamples"
+        )
+    count = len(rows)
+    figures = statistic(_draws(count, resamples, seed) @ rows)
+    tail = 50 * (1 - confidence)
+    low, high = np.percentile(figures, [tail, 100 - tail]) if np.isfinite(figures).all() else (math.nan, math.nan)
+    return Interval(float(statistic(rows.sum(0))), float(low), float(high), confidence)
+
+
+@lru_cache(maxsize=8)
+def _draws(count: int, resamples: int, seed: int) -> NDArray[np.float64]:
+    """(resamples, count): how often each resample drew each pair. Drawing takes far longer than the figures do."""
+    drawn = np.random.default_rng(seed).multinomial(count, np.full(count, 1 / count), size=resamples).astype(np.float64)
+    drawn.flags.writeable = False
+    return drawn
+
+
+def snr_interval(sums: NDArray[np.floating], confidence: float = CONFIDENCE, seed: int = SEED) -> Interval:
+    """Interval of an SNR in dB from the (K, 3) rows of snr_sums."""
+    return bootstrap(snr_from_sums, sums, confidence, seed=seed)
+
+
+def snr_gain_interval(
+    sums: NDArray[np.floating], baseline: NDArray[np.floating], confidence: float = CONFIDENCE, seed: int = SEED
+) -> Interval:
+    """Interval of SNR - baseline's SNR, in dB, from the (K, 3) rows of snr_sums of both on the same pairs.
+
+    Each resample draws the same pairs for both, so what both find hard cancels. An interval that holds 0 shows no gain.
+
+    Raises:
+        UsageError: rows for different numbers of pairs.
+    """
+    if np.shape(sums) != np.shape(baseline):
+        raise UsageError(
+            f"sums have shape {np.shape(sums)} and baseline {np.shape(baseline)}: expected the same light-view pairs"
+        )
+    return bootstrap(
+        lambda both: snr_from_sums(both[..., :3]) - snr_from_sums(both[..., 3:]),
+        np.concatenate([sums, baseline], -1),
+        confidence,
+        seed=seed,
+    )
+
+
+def flicker_interval(sums: NDArray[np.floating], confidence: float = CONFIDENCE, seed: int = SEED) -> Interval:
+    """Interval of a flicker ratio from the (K, 3) rows of flicker_sums, K along the frames' axis of pairs."""
+    return bootstrap(flicker_ratio_from_sums, sums, confidence, seed=seed)
+
+
+def mean_interval(values: NDArray[np.floating], confidence: float = CONFIDENCE, seed: int = SEED) -> Interval:
+    """Interval of the mean of (K,) figures, one a pair (or one an image, where images are what was drawn)."""
+    column = np.asarray(values, np.float64).reshape(-1, 1)
+    return bootstrap(
+        lambda s: s[..., 0] / s[..., 1], np.concatenate([column, np.ones_like(column)], -1), confidence, seed=seed
+    )

@@ -1,1 +1,0 @@
-"""Pages that show what was measured. `viewer` is the interactive view of stacks."""

@@ -1,0 +1,282 @@
+"""ZIP archives as sites hand out texture sets and scenes: checked, and unpacked into a temporary folder while they are
+read.
+"""
+
+from __future__ import annotations
+
+import errno
+import lzma
+import os
+import shutil
+import stat
+import unicodedata
+import zipfile
+import zlib
+from collections import OrderedDict
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath, PureWindowsPath
+from typing import TypeVar
+
+from mipbake.base import disk
+from mipbake.base.errors import InputError, MipbakeError, OutputError
+from mipbake.base.safe_names import safe_name
+from mipbake.source.images.read import IMAGE_SUFFIXES
+
+SUFFIX = ".zip"
+
+_T = TypeVar("_T")
+
+GLTF, MATERIALX = (".gltf", ".glb"), ".mtlx"
+"""Suffixes of documents, which are read with what lies beside them."""
+
+_CHUNK = 1 << 20  # bytes that are unpacked at a time, so that they stay in the cache
+
+_DAMAGE = (
+    zipfile.BadZipFile,
+    zlib.error,
+    lzma.LZMAError,
+    EOFError,
+    NotImplementedError,
+    RuntimeError,
+    ValueError,
+    OSError,
+)
+"""What reading a damaged archive raises; OSError for places before its beginning."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """How large archives may be.
+
+    Args:
+        files: in an archive at most.
+        unpacked: bytes that an archive may have when it is unpacked.
+        surely_fine, ratio: an archive that unpacks to more than `surely_fine` bytes and to more than `ratio` times its
+            own is a bomb: images are compressed already, and whole sets of constant maps are smaller.
+        kept: bytes of unpacked archives that lie side by side at most; the archive in use is there however large it is.
+
+    """
+
+    files: int = 10_000
+    unpacked: int = 64 << 30
+    surely_fine: int = 1 << 30
+    ratio: int = 100
+    kept: int = 4 << 30
+
+
+LIMITS = Limits()
+
+
+@dataclass(eq=False)
+class Shelf:
+    """The archives of one run, unpacked below a folder; those that were used last stay, within the limits."""
+
+    folder: Path
+    limits: Limits = LIMITS
+    _sizes: OrderedDict[Path, int] = field(default_factory=OrderedDict)
+
+    def archive(self, path: Path, place: str) -> Archive:
+        """An archive that is unpacked, when it is used, into the folder `place`, which names its set as its file does.
+
+        Raises:
+            InputError: it cannot be read, is too large, or holds what would lie outside that folder.
+        """
+        members = checked_members(path, self.limits)
+        return Archive(path, self.folder / place / safe_name(path.stem, "archive"), tuple(members), self)
+
+    def hold(self, archive: Archive) -> None:
+        """Unpacks it where it is not there, and removes what was used longest ago."""
+        if archive.folder not in self._sizes:
+            size = sum(member.file_size for member in archive.members)
+            while self._sizes and sum(self._sizes.values()) + size > self.limits.kept:
+                oldest, _ = self._sizes.popitem(last=False)
+                shutil.rmtree(oldest, ignore_errors=True)
+            unpack(archive.path, archive.members, archive.folder)
+            self._sizes[archive.folder] = size
+        self._sizes.move_to_end(archive.folder)
+
+
+@dataclass(frozen=True, eq=False)
+class Archive:
+    """An archive, where it is unpacked, and what of it is read."""
+
+    path: Path
+    folder: Path
+    members: tuple[zipfile.ZipInfo, ...]
+    shelf: Shelf
+
+    def using(self, read: Callable[[], _T]) -> _T:
+        """What is read while the archive is unpacked; errors name the archive in place of the folder."""
+        self.shelf.hold(self)
+        with self.naming():
+            return read()
+
+    @contextmanager
+    def naming(self) -> Iterator[None]:
+        """Errors of the block name the archive in place of the folder; those about a source name it in any case."""
+        try:
+            yield
+        except MipbakeError as error:
+            text = self.about(error)
+            if text == error.full:
+                raise
+            raise type(error)(text) from error
+        except OSError as error:
+            if error.filename is None or (text := self.told(named := os.fsdecode(error.filename))) == named:
+                raise
+            raise disk.refused(Path(text), error) from error
+
+    def about(self, error: MipbakeError) -> str:
+        """The message of an error, as `naming` changes it."""
+        text = self.told(error.full)
+        named = str(self.path) in text or not isinstance(error, InputError)
+        return text if named else f"{self.path}: {text}"
+
+    def told(self, text: str) -> str:
+        """A text with the archive in place of the folder that it is unpacked to."""
+        return text.replace(str(self.folder.resolve()), str(self.path)).replace(str(self.folder), str(self.path))
+
+
+def checked_members(path: Path, limits: Limits) -> list[zipfile.ZipInfo]:
+    """What of an archive is read; nothing is unpacked.
+
+    Raises:
+        InputError: it is not a ZIP archive, is encrypted, holds nothing to read or too much, or has a member that would
+            lie elsewhere or is a link.
+    """
+    try:
+        with zipfile.ZipFile(path) as opened:
+            every = opened.infolist()
+        size = path.stat().st_size
+    except (zipfile.BadZipFile, EOFError, ValueError, NotImplementedError, UnicodeDecodeError) as error:
+        raise InputError(f"{path} is not a ZIP archive, or is damaged ({error}): download it again") from error
+    except OSError as error:
+        raise InputError(f"{path} cannot be read ({error.strerror}): check the file and its permissions") from error
+    if len(every) > limits.files:
+        raise InputError(f"{path} holds {len(every)} files: expected a texture set, {limits.files} files at most")
+    for member in every:
+        _check_place(path, member)
+    found = _read_of(every)
+    _check_apart(path, found)
+    if not found:
+        raise InputError(
+            f"{path} holds neither an image nor a document: expected the maps of texture sets, or .gltf, .glb or .mtlx "
+            "files with their textures"
+        )
+    if any(member.flag_bits & 1 for member in found):
+        raise InputError(f"{path} is encrypted: unpack it and give the folder")
+    unpacked = sum(member.file_size for member in found)
+    if unpacked > limits.unpacked or unpacked > max(limits.surely_fine, limits.ratio * size):
+        raise InputError(
+            f"{path} would grow from {size / 1e6:.1f} MB to {unpacked / 1e9:.1f} GB: no texture set grows so much, so "
+            "it is not unpacked; if it is a texture set, unpack it yourself and give the folder"
+        )
+    return found
+
+
+def _check_place(path: Path, member: zipfile.ZipInfo) -> None:
+    """InputError where a member would lie elsewhere, by either of its names, or is a link.
+
+    Newer versions of Python take `filename` from an extra field of the member, so that the name in its header tells
+    nothing of it.
+    """
+    for given in dict.fromkeys((member.orig_filename, member.filename)):
+        name = given.replace("\\", "/")
+        parts = name.split("/")
+        if name.startswith("/") or ".." in parts or "\0" in name or any(PureWindowsPath(part).drive for part in parts):
+            raise InputError(f"{path} holds {given!r}, which would lie outside its folder: do not trust it")
+    if stat.S_ISLNK(member.external_attr >> 16):
+        raise InputError(f"{path} holds {member.filename!r}, which is a link: unpack it yourself and give the folder")
+
+
+def _check_apart(path: Path, members: Sequence[zipfile.ZipInfo]) -> None:
+    """InputError where two members would lie at one place, or one in another, on some file system.
+
+    Some of them do not tell letters apart that differ in case, or in how Unicode composes them.
+    """
+    places = [PurePosixPath(unicodedata.normalize("NFC", str(_place(each)).casefold())) for each in members]
+    folders = {folder for place in places for folder in place.parents}
+    taken: set[PurePosixPath] = set()
+    for member, place in zip(members, places, strict=True):
+        if place in taken or place in folders:
+            raise InputError(f"{path} holds {member.filename!r} twice: unpack it yourself and give the folder")
+        taken.add(place)
+
+
+def _read_of(every: Sequence[zipfile.ZipInfo]) -> list[zipfile.ZipInfo]:
+    """Images and documents; beside glTF documents all files, because their buffers and images have any name."""
+    shown = [member for member in every if not member.is_dir() and not _is_hidden(member)]
+    if any(_place(member).suffix.lower() in GLTF for member in shown):
+        return shown
+    return [member for member in shown if _place(member).suffix.lower() in (*IMAGE_SUFFIXES, MATERIALX)]
+
+
+def _is_hidden(member: zipfile.ZipInfo) -> bool:
+    return any(part.startswith(".") or part == "__MACOSX" for part in _place(member).parts)
+
+
+def _place(member: zipfile.ZipInfo) -> PurePosixPath:
+    """The place of a member in its archive; old programs of Windows wrote backslashes."""
+    return PurePosixPath(member.filename.replace("\\", "/"))
+
+
+def unpack(path: Path, members: Sequence[zipfile.ZipInfo], folder: Path) -> None:
+    """Writes members of an archive below a folder.
+
+    Raises:
+        InputError: one of them is damaged, or larger than the archive tells. OutputError: there is no room.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        free = shutil.disk_usage(folder).free
+        needed = sum(member.file_size for member in members)
+        if needed > free:
+            raise OutputError(
+                f"{path} needs {needed / 1e9:.2f} GB of temporary space and {folder.parent} has {free / 1e9:.2f}: make "
+                "room, or set the environment variable TMPDIR to a folder with enough space"
+            )
+        with zipfile.ZipFile(path) as opened:
+            for member in members:
+                _unpack_one(path, opened, member, folder)
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+
+
+def _unpack_one(path: Path, opened: zipfile.ZipFile, member: zipfile.ZipInfo, folder: Path) -> None:
+    place = folder.joinpath(*_place(member).parts)
+    chunks = _chunks(path, opened, member)
+    try:
+        if not place.resolve().is_relative_to(folder.resolve()):  # whatever the system makes of its name
+            raise InputError(f"{path} holds {member.filename!r}, which would lie outside its folder: do not trust it")
+        place.parent.mkdir(parents=True, exist_ok=True)
+        with place.open("xb") as file:
+            for chunk in chunks:
+                file.write(chunk)
+    except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:
+            raise InputError(
+                f"{path} holds {member.filename!r}, whose name is too long: unpack it yourself and give the folder"
+            ) from error
+        raise OutputError(
+            f"{path}: {member.filename} cannot be unpacked to {folder.parent} ({error.strerror}): make room there, or "
+            "set the environment variable TMPDIR to another folder"
+        ) from error
+
+
+def _chunks(path: Path, opened: zipfile.ZipFile, member: zipfile.ZipInfo) -> Iterator[bytes]:
+    """The bytes of a member. InputError where it is damaged, or larger than the archive tells."""
+    left = member.file_size
+    try:
+        with opened.open(member) as packed:
+            while chunk := packed.read(_CHUNK):
+                left -= len(chunk)
+                if left < 0:
+                    raise InputError(f"{path}: {member.filename} is larger than it says: do not trust the archive")
+                yield chunk
+    except _DAMAGE as error:
+        raise InputError(
+            f"{path}: {member.filename} cannot be unpacked ({error}): download the archive again"
+        ) from error

@@ -1,0 +1,353 @@
+"""Which file fills which role of a texture set, and why: names, options and headers, without reading pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from mipbake.base.colour import LINEAR, SRGB, canonical_colour_space, default_colour_space, is_linear
+from mipbake.base.errors import InputError
+from mipbake.base.messages import listed
+from mipbake.source.images.colour_names import RAW
+from mipbake.source.images.read import Header
+from mipbake.source.matches import (
+    NO_ROLE,
+    OUTVOTED,
+    PREVIEW,
+    Match,
+    PathLike,
+    choose,
+    classified,
+    files_of,
+    list_files,
+    take_alpha_as_opacity,
+)
+from mipbake.source.names import colour_space_of
+from mipbake.source.normal import DECIDED_CONFIDENCE, Integrability, Vectors, integrability
+from mipbake.source.options import (
+    CARRIED,
+    COLOUR_ROLES,
+    ORIGINS,
+    ROLES,
+    SCALAR_ROLES,
+    SHADING_ROLES,
+    STRAIGHT,
+    LoadOptions,
+)
+from mipbake.source.sources import DATA, Discovery, IgnoredFile, Log, MapSource, NormalConvention, spoken
+from mipbake.source.specular import take_specular
+
+_CONSTANTS: Mapping[str, tuple[float, ...]] = {
+    "base_color": (0.5, 0.5, 0.5),
+    "normal": (0.0, 0.0, 1.0),
+    "metallic": (0.0,),
+}
+_TOLD = (*ORIGINS, "name")
+"""What decides a normal convention without a look at pixels."""
+
+
+def settle_convention(found: Discovery, vectors: Vectors, flat: bool) -> Discovery:
+    """The discovery with its normal convention checked against, or decided by, `tiles` of its normals as stored.
+
+    `flat` says that all normals are the same: then there is nothing to tell.
+    """
+    source, convention = found.sources["normal"], found.convention
+    if source.path is None:
+        return found
+    test: Integrability = integrability(vectors)
+    label = source.path.name
+    if convention.decided_by in _TOLD:
+        if test.decided and test.convention != convention.name:
+            origin = "its name says" if convention.decided_by == "name" else f"the {convention.decided_by} says"
+            warning = (
+                f"{label}: {origin} {spoken(convention.name)}, but the curl of its slopes looks like "
+                f"{spoken(test.convention)} (confidence {test.confidence:.2f})"
+            )
+            return replace(found, warnings=(*found.warnings, warning))
+        return found
+    if flat:
+        return replace(found, convention=NormalConvention("opengl", "flat", 1.0))
+    if test.decided:
+        note = f"{label}: {spoken(test.convention)} by the curl of its slopes (confidence {test.confidence:.2f})"
+        decided = NormalConvention(test.convention, "pixels", test.confidence)
+        return replace(found, convention=decided, notes=(*found.notes, note))
+    warning = (
+        f"{label}: neither its name nor the curl of its slopes (confidence {test.confidence:.2f}, {DECIDED_CONFIDENCE} "
+        "needed) tells OpenGL from DirectX; OpenGL is assumed, set the normal convention if that is wrong"
+    )
+    decided = NormalConvention("opengl", "assumed", test.confidence)
+    return replace(found, convention=decided, warnings=(*found.warnings, warning))
+
+
+def find(path: PathLike | Iterable[PathLike], options: LoadOptions) -> Discovery:
+    """What `load` would read, from names and headers. A convention that no name tells stays assumed, with confidence 0.
+
+    Args:
+        path: a folder, or the files of one set.
+        options: choices that override what names say.
+
+    Raises:
+        InputError: there is no usable set. UsageError: an option names what does not exist.
+    """
+    name, folder, files = list_files(path)
+    name = options.name or name
+    matches, ignored = classified(files, options)
+    log = Log()
+    chosen = choose(matches, folder, options, log)
+    take_alpha_as_opacity(chosen, options, log)
+    specular = take_specular(chosen, ignored, folder, options)
+    colour_space = None if options.colour_space is None else canonical_colour_space(options.colour_space)
+    sources = {role: _source(c, colour_space, options, log) for role, c in chosen.items()}
+    sources |= {r: _constant(r, (float(v),)) for r, v in options.maps.items() if isinstance(v, (int, float))}
+    if specular is not None:
+        sources |= {"metallic": specular, "base_color": replace(sources["base_color"], converted=True)}
+    _check_complete(sources, options, folder, matches, ignored)
+    unread = [i for i in ignored if i.reason in (NO_ROLE, PREVIEW) and i.path not in {s.path for s in sources.values()}]
+    _check_colour(sources, options, folder, unread)
+    for role, value in _CONSTANTS.items():
+        if role not in sources:
+            sources[role] = _constant(role, value)
+            _tell_constant(role, value, options, unread, log)
+    carried = _carried(sources, {c.header.path: c.header for c in chosen.values()}, log)
+    used = {s.path for s in sources.values()}
+    ignored += [IgnoredFile(p, OUTVOTED) for p in files_of(matches)]
+    width, height = _common_size([s for r, s in sources.items() if r in SHADING_ROLES], log)
+    return Discovery(
+        name,
+        {r: sources[r] for r in ROLES if r in sources} | carried,
+        width,
+        height,
+        _named_convention(sources["normal"], options, log),
+        tuple(sorted((i for i in ignored if i.path not in used), key=lambda i: i.path.name)),
+        tuple(log.notes),
+        tuple(log.warnings),
+        options,
+    )
+
+
+def _source(c: Match, colour_space: str | None, options: LoadOptions, log: Log) -> MapSource:
+    role, header = c.meaning.role, c.header
+    channels = c.meaning.channels if len(c.meaning.channels) != 3 else ""
+    channels = channels or _natural_channels(role, header)
+    if role in options.maps and c.meaning.channels:
+        channels = c.meaning.channels
+    if len(channels) == 1 and channels == "R" and header.channels - (header.alpha >= 0) == 1:
+        channels = "Y"
+    encoding = _encoding(role, header, colour_space, options, log)
+    inverted = c.meaning.inverted
+    if role == "roughness" and options.roughness_is_gloss is not None:
+        inverted = options.roughness_is_gloss
+    if inverted:
+        log.notes.append(f"{header.path.name}: it holds gloss, which is inverted to roughness")
+    if header.declared.padded and role in ("normal", "anisotropy"):
+        raise InputError(
+            f"{header.path} stores a part of its display window, and the rest would be no {spoken(role)}: expected "
+            "texels in all of it; export it without a border"
+        )
+    log_declared(header, log)
+    return MapSource(
+        role,
+        header.path,
+        channels,
+        header.width,
+        header.height,
+        header.depth,
+        encoding,
+        inverted,
+        c.reason,
+        channels_named=bool(c.meaning.channels),
+        convention=c.meaning.convention,
+        orientation=1 if header.declared.texels_alone else header.declared.orientation,
+        layer=(header.declared.part, header.declared.layer),
+        alpha=_alpha(role, header, options),
+        metadata=options.metadata,
+    )
+
+
+def _alpha(role: str, header: Header, options: LoadOptions) -> str:
+    """Only colours are multiplied by alpha: beside values that are data it is one more of them."""
+    if role not in COLOUR_ROLES or header.alpha < 0:
+        return STRAIGHT
+    return options.alpha or header.declared.alpha
+
+
+def log_declared(header: Header, log: Log) -> None:
+    """What a file says of its image and what was made of it, once for all roles that take it."""
+    said, name = header.declared, header.path.name
+    turn = [f"it is turned, as its orientation {said.orientation} says"] if said.orientation != 1 else []
+    for some, into in (([*turn, *said.notes], log.notes), (said.warnings, log.warnings)):
+        into += [told for each in some if (told := f"{name}: {each}") not in into]
+
+
+def _encoding(role: str, header: Header, asked: str | None, options: LoadOptions, log: Log) -> str:
+    """The colour space of a file's colours: what is asked for, else what its name tells, else what its type means."""
+    name = header.path.name
+    told = colour_space_of(header.path.stem) if options.origin == "option" else None
+    named = None if told is None else LINEAR if told == RAW else canonical_colour_space(told)
+    if role not in COLOUR_ROLES:
+        if named is not None and not is_linear(named):
+            log.warnings.append(
+                f"{name}: its name says {named}, but {spoken(role)} is no colour: its values are taken as they are "
+                "stored; export it as raw values if that is wrong"
+            )
+        elif header.colour_space not in (None, SRGB) and not is_linear(str(header.colour_space)):
+            log.notes.append(
+                f"{name}: {header.declared.colour.by} says {header.colour_space}, but {spoken(role)} is no colour: its "
+                "values are taken as they are stored"
+            )
+        return DATA
+    if asked is not None:
+        if named not in (None, asked):
+            log.warnings.append(f"{name}: its name says {told}, the {options.origin} says {asked}, which is followed")
+        return asked
+    if named is not None:
+        what = f"{told}, taken as {named}" if told == RAW else named
+        log.notes.append(f"{name}: its name says {what}")
+        return named
+    encoding, colour = default_colour_space(header.is_integer), header.declared.colour
+    said = None if colour.space is None else canonical_colour_space(colour.space)
+    if said is not None and (said != encoding or colour.named):
+        log.notes.append(f"{name}: {colour.by} says {said}")
+    elif header.depth not in ("uint8", "half", "float"):
+        log.notes.append(f"{name}: its {header.depth} values are taken as {encoding}")
+    if colour.unknown:
+        log.warnings.append(
+            f"{name}: {colour.by} says colours that are not known here ({colour.unknown}), which are taken as "
+            f"{encoding}: convert them, or say what they are (--colour-space, colour_space in Python)"
+        )
+    return said or encoding
+
+
+def _carried(sources: Mapping[str, MapSource], headers: Mapping[Path, Header], log: Log) -> dict[str, MapSource]:
+    """Channels that no role takes, beside channels that are taken: in packed files, and the alpha of normal maps."""
+    carried: dict[str, MapSource] = {}
+    for path, header in headers.items():
+        if sources["metallic"].converted and path == sources["metallic"].path:
+            continue  # its colours have a role
+        here = [s for s in sources.values() if s.path == path]
+        colours = header.channels - (header.alpha >= 0)
+        packed = colours >= 3 and all(s.channels_named for s in here)
+        letters = ("RGB" if packed else "") + ("A" if header.alpha >= 0 and colours >= 3 else "")
+        if not (packed or any(s.role == "normal" for s in here)):
+            continue
+        for letter in letters:
+            if any(letter in s.channels for s in here):
+                continue
+            name = f"{CARRIED}{len(carried) + 1}"
+            carried[name] = replace(
+                here[0], role=name, channels=letter, encoding=DATA, inverted=False, reason="beside other channels"
+            )
+            log.notes.append(
+                f"{path.name}: channel {letter} has no role, it is kept as {name} where files are packed as these are"
+            )
+    return carried
+
+
+def _natural_channels(role: str, header: Header) -> str:
+    colours = header.channels - (header.alpha >= 0)
+    if role == "normal":
+        return "RGB" if colours >= 3 else "RG" if header.channels == 2 else "Y"
+    if role in SCALAR_ROLES:
+        return "Y" if colours == 1 else "R"
+    return "RGB" if colours >= 3 else "Y"
+
+
+def _constant(role: str, value: tuple[float, ...]) -> MapSource:
+    if role == "base_color" and len(value) == 1:
+        value = value * 3
+    encoding = LINEAR if role in COLOUR_ROLES else DATA
+    return MapSource(role, None, "", 1, 1, "float", encoding, False, "constant", constant=value)
+
+
+def _check_complete(
+    sources: Mapping[str, MapSource],
+    options: LoadOptions,
+    folder: Path,
+    matches: Mapping[str, Sequence[Match]],
+    ignored: Sequence[IgnoredFile],
+) -> None:
+    left_out = [r for r, v in options.maps.items() if v is None]
+    missing = [r for r in ("normal", "roughness") if r not in sources and r not in left_out]
+    if not missing:
+        return
+    found = [f"{c.header.path.name} ({spoken(r)})" for r, several in matches.items() for c in several]
+    found += [f"{i.path.name} ({i.reason})" for i in ignored]
+    remedy = {"normal": "normal=FILE|none", "roughness": "roughness=FILE|NUMBER"}
+    raise InputError(
+        f"{folder} has no {' and no '.join(missing)} map by its file names; found: {listed(found)}; use --map "
+        f"{', '.join(remedy[m] for m in missing)} (maps in Python)"
+    )
+
+
+def _check_colour(
+    sources: Mapping[str, MapSource], options: LoadOptions, folder: Path, unread: Sequence[IgnoredFile]
+) -> None:
+    """InputError for a set without a base colour that holds images without a role: one of them may be the base
+    colour."""
+    if "base_color" in (*sources, *options.maps) or options.origin == "document" or not unread:
+        return
+    first = unread[0].path.name
+    raise InputError(
+        f"{folder} has no base colour map that its file names tell, but images without a role: "
+        f"{listed(i.path.name for i in unread)}; choose one with --map base_color={first}, or say --map "
+        "base_color=none where there is no colour and grey will do (maps in Python)"
+    )
+
+
+def _tell_constant(
+    role: str, value: Sequence[float], options: LoadOptions, unread: Sequence[IgnoredFile], log: Log
+) -> None:
+    """Says what stands for a map that is not there, as a warning where nobody has said that it is meant."""
+    told = f"no {spoken(role)} map: the constant {', '.join(f'{v:g}' for v in value)} is used"
+    nameless = [i.path.name for i in unread if i.reason == NO_ROLE]
+    if role in options.maps or options.origin == "document":
+        log.notes.append(told)
+    elif role == "base_color":
+        log.warnings.append(
+            f"{told}, so that what is baked is grey; choose a map with --map base_color=FILE, or say --map "
+            "base_color=none where grey is meant (maps in Python)"
+        )
+    elif nameless:
+        log.warnings.append(
+            f"{told}, and {listed(nameless)} {'have' if len(nameless) > 1 else 'has'} no role; choose it with --map "
+            f"{role}={nameless[0]} if it is one (maps in Python)"
+        )
+    else:
+        log.notes.append(told)
+
+
+def _named_convention(source: MapSource, options: LoadOptions, log: Log) -> NormalConvention:
+    if source.path is None:
+        return NormalConvention("opengl", "flat", 1.0)
+    if options.normal_convention is not None:
+        if source.convention not in (None, options.normal_convention):
+            log.warnings.append(
+                f"{source.path.name}: its name says {spoken(source.convention)}, the {options.origin} says "
+                f"{spoken(options.normal_convention)}, which is followed"
+            )
+        return NormalConvention(options.normal_convention, options.origin, 1.0)
+    if source.convention is not None:
+        return NormalConvention(source.convention, "name", 1.0)
+    return NormalConvention("opengl", "assumed", 0.0)
+
+
+def _common_size(sources: Sequence[MapSource], log: Log) -> tuple[int, int]:
+    """The greatest width and the greatest height of any map, so that resampling to it loses no detail.
+
+    A map whose shape differs by more than a texel is stretched over the same unit square, which is worth a warning.
+    """
+    width, height = max(s.width for s in sources), max(s.height for s in sources)
+    largest = max(sources, key=lambda s: s.width * s.height)
+    for s in sources:
+        if (s.width, s.height) in ((width, height), (1, 1)) or s.path is None:
+            continue
+        resampled = f"{s.path.name}: resampled from {s.width} x {s.height} to {width} x {height}"
+        if abs(s.width * height - s.height * width) <= max(width, height):
+            log.notes.append(resampled)
+        elif s is largest or largest.path is None:
+            log.warnings.append(f"{resampled}, another shape")
+        else:
+            other = f"{largest.path.name} is {largest.width} x {largest.height}"
+            log.warnings.append(f"{resampled}, another shape ({other}): its texels are stretched; check that they fit")
+    return width, height

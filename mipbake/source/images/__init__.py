@@ -1,0 +1,1 @@
+"""Image files of all kinds, and texels as graphics cards hold them."""

@@ -1,0 +1,253 @@
+"""What files that OpenImageIO reads say of their images: see `mipbake.source.images.declared`.
+
+The library's own attributes are taken where they repeat the file. It also has attributes of its own for files that say
+nothing, of colours above all, and these are not taken.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+import zlib
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO
+
+import numpy as np
+
+from mipbake.base import disk
+from mipbake.base.errors import InputError
+from mipbake.source.images.colour_names import named_space
+from mipbake.source.images.declared import Declared, Window, orientation
+from mipbake.source.images.declared_colour import Colour, coded, primaries_of
+from mipbake.source.images.gpu_says import dds_said
+from mipbake.source.images.icc import profile_colour
+from mipbake.source.options import PREMULTIPLIED, STRAIGHT
+
+if TYPE_CHECKING:
+    import OpenImageIO
+
+    Spec = OpenImageIO.ImageSpec
+
+
+def said_by(path: Path, image: OpenImageIO.ImageInput) -> Declared:
+    """What a file says of the image that its reader stands at."""
+    read = _READERS.get(image.format_name(), _other)
+    return read(path, image.spec())
+
+
+def _other(path: Path, spec: Spec) -> Declared:
+    """Formats with Exif and ICC profiles: JPEG, WebP, PSD and others."""
+    del path
+    warnings = ("it holds several frames: only the first is read",) if spec.getattribute("oiio:Movie") else ()
+    return Declared(orientation(spec.getattribute("Orientation")), colour=_profile(spec), warnings=warnings)
+
+
+def _turned_by_its_decoder(path: Path, spec: Spec) -> Declared:
+    del path
+    return Declared(colour=_profile(spec))
+
+
+def _profile(spec: Spec) -> Colour:
+    """What an ICC profile says, else code points; nothing where there is neither."""
+    profile, codes = spec.getattribute("ICCProfile"), spec.getattribute("CICP")
+    if profile is not None:
+        return profile_colour(np.asarray(profile, np.uint8).tobytes())
+    return coded(int(codes[0]), int(codes[1]), "its code points") if codes is not None else Colour()
+
+
+def _openexr(path: Path, spec: Spec) -> Declared:
+    primaries = primaries_of(spec.getattribute("chromaticities"))
+    colour = Colour("linear", primaries, by="its chromaticities") if primaries else Colour()
+    for attribute in ("colorInteropID", "oiio:ColorSpace"):
+        colour = named_space(spec.getattribute(attribute), attribute, colour)
+    # Colours of OpenEXR are multiplied by alpha, but this program writes them as they are.
+    alpha = STRAIGHT if spec.getattribute("mipbake") else PREMULTIPLIED
+    return _windowed(path, spec, Declared(alpha=alpha, colour=colour))
+
+
+def _windowed(path: Path, spec: Spec, said: Declared) -> Declared:
+    """With the display window, where it is not what the file stores."""
+    stored = (spec.width, spec.height)
+    window = Window(spec.x - spec.full_x, spec.y - spec.full_y, spec.full_width, spec.full_height)
+    if window == Window(0, 0, *stored):
+        return said
+    _check_window(path, window, stored)
+    about = (
+        f"its data window is {stored[0]} x {stored[1]} at ({window.x}, {window.y}) and its display window is "
+        f"{window.width} x {window.height}"
+    )
+    across = window.x <= 0 and window.x + stored[0] >= window.width
+    if across and window.y <= 0 and window.y + stored[1] >= window.height:
+        return replace(said, window=window, notes=(*said.notes, f"{about}, to which it is cut"))
+    return replace(said, window=window, padded=True, warnings=(*said.warnings, f"{about}: the rest of it is zero"))
+
+
+_MOST = 1 << 31
+"""Texels of the largest image that a window may ask for."""
+
+
+def _check_window(path: Path, window: Window, stored: tuple[int, int]) -> None:
+    columns = min(window.width, window.x + stored[0]) - max(0, window.x)
+    rows = min(window.height, window.y + stored[1]) - max(0, window.y)
+    if columns < 1 or rows < 1 or window.width * window.height > _MOST:
+        raise InputError(
+            f"{path} stores {stored[0]} x {stored[1]} texels at ({window.x}, {window.y}) of an image of {window.width} "
+            f"x {window.height}: expected a data window within the display window; export it again"
+        )
+
+
+def _radiance(path: Path, spec: Spec) -> Declared:
+    del spec
+    with disk.opened(path) as file:
+        head = file.read(_HEAD)
+    found = _RESOLUTION.search(head)
+    head = head[: found.start() + 1] if found else b""
+    values = {name.decode(): value.decode("ascii", "replace").strip() for name, value in _LINE.findall(head)}
+    turn = _RADIANCE[(found[1] + found[2]).decode()] if found else 1
+    listed = values.get("PRIMARIES", "").split()
+    try:
+        primaries = primaries_of(tuple(float(value) for value in listed))
+    except ValueError:
+        primaries = "of a kind that is not read"
+    colour = Colour("linear", primaries, by="its header") if primaries else Colour()
+    ignored = [
+        f"its {name} of {values[name]} is ignored" for name in ("EXPOSURE", "GAMMA", "COLORCORR") if name in values
+    ]
+    return Declared(turn, turn_is_pixels=True, colour=colour, warnings=tuple(ignored))
+
+
+_RADIANCE = {"-Y+X": 1, "-Y-X": 2, "+Y-X": 3, "+Y+X": 4, "+X-Y": 5, "-X-Y": 6, "-X+Y": 7, "+X+Y": 8}
+"""What the last line of a Radiance header says to an orientation: the axis and sign of rows, then of what is in rows.
+
+OpenImageIO exchanges 6 and 8."""
+
+_RESOLUTION = re.compile(rb"\n([+-][XY]) +\d+ +([+-][XY]) +\d+\n")
+_LINE = re.compile(rb"\n([A-Z]+) *=([^\n]*)")
+_HEAD = 1 << 16
+"""Bytes that hold the header of a Radiance file."""
+
+
+def _png(path: Path, spec: Spec) -> Declared:
+    """The first of these chunks that is there counts: cICP, iCCP, sRGB, gAMA and cHRM."""
+    chunks = _png_chunks(path)
+    colour = Colour()
+    if len(chunks.get(b"cICP", b"")) == 4:
+        colour = coded(chunks[b"cICP"][0], chunks[b"cICP"][1], "its chunk cICP")
+    elif b"iCCP" in chunks:
+        packed = chunks[b"iCCP"].partition(b"\0")[2][1:]
+        try:
+            colour = profile_colour(zlib.decompressobj().decompress(packed, 1 << 24))
+        except zlib.error:
+            colour = profile_colour(b"")
+    elif b"sRGB" in chunks:
+        colour = Colour("sRGB", "Rec.709", by="its chunk sRGB")
+    elif len(chunks.get(b"gAMA", b"")) == 4:
+        primaries = ""
+        if len(chunks.get(b"cHRM", b"")) == 32:
+            white, *rest = np.frombuffer(chunks[b"cHRM"], ">u4").reshape(4, 2) / 100000
+            primaries = primaries_of((*np.concatenate(rest).tolist(), *white.tolist()))
+        colour = Colour(_of_gamma(int.from_bytes(chunks[b"gAMA"], "big"), primaries), primaries, by="its chunk gAMA")
+    frames = int.from_bytes(chunks.get(b"acTL", b"")[:4], "big")
+    warnings = (f"it holds {frames} frames: only the first is read",) if frames > 1 else ()
+    return Declared(orientation(spec.getattribute("Orientation")), colour=colour, warnings=warnings)
+
+
+def _of_gamma(stored: int, primaries: str) -> str:
+    """The transfer function of gAMA, in units of 1 / 100000. What encodes sRGB writes 45455 for it."""
+    if abs(stored - 100000) <= 500:
+        return "linear"
+    if abs(stored - 45455) <= 500:
+        return "gamma 2.2" if primaries == "Adobe RGB" else "sRGB"
+    return f"gamma {100000 / stored:.3g}" if stored else "gamma without a value"
+
+
+def _png_chunks(path: Path) -> Mapping[bytes, bytes]:
+    """The first chunk of each kind, without texels."""
+    found: dict[bytes, bytes] = {}
+    with disk.opened(path) as file:
+        file.seek(8)
+        while len(head := file.read(8)) == 8:
+            length, kind = struct.unpack(">I4s", head)
+            if kind in (b"IDAT", b"IEND") or length > _MOST_CHUNK:
+                break
+            found.setdefault(kind, file.read(length))
+            file.seek(4, 1)
+    return found
+
+
+_MOST_CHUNK = 1 << 24
+"""Bytes of the longest chunk that is read for what it says of the image."""
+
+
+def _tiff(path: Path, spec: Spec) -> Declared:
+    named = named_space(spec.getattribute("oiio:ColorSpace"), "colour space", Colour())
+    colour = _profile(spec) if spec.getattribute("ICCProfile") is not None else named
+    samples = _tiff_shorts(path, _EXTRA_SAMPLES)
+    colours = spec.nchannels - len(samples)
+    multiplied = 0 <= spec.alpha_channel - colours < len(samples) and samples[spec.alpha_channel - colours] == 1
+    return Declared(
+        orientation(spec.getattribute("Orientation")),
+        turn_is_pixels=True,
+        alpha=PREMULTIPLIED if multiplied else STRAIGHT,
+        colour=colour,
+    )
+
+
+_EXTRA_SAMPLES = 338
+
+
+def _tiff_shorts(path: Path, tag: int) -> tuple[int, ...]:
+    """The numbers of 16 bits of a tag of the first image; empty where the tag is not there.
+
+    OpenImageIO does not tell files that say that colours are multiplied by alpha from files that are silent.
+    """
+    try:
+        with disk.opened(path) as file:
+            return _shorts(file, tag)
+    except (struct.error, OverflowError, ValueError, OSError):  # damage, which reading the texels will tell
+        return ()
+
+
+def _shorts(file: BinaryIO, tag: int) -> tuple[int, ...]:
+    head = file.read(16)
+    order = "<" if head[:2] == b"II" else ">"
+    big = struct.unpack_from(f"{order}H", head, 2)[0] == 43
+    number, counted, word = ("Q", "Q", 8) if big else ("I", "H", 4)
+    file.seek(struct.unpack_from(f"{order}{number}", head, 8 if big else 4)[0])
+    (count,) = struct.unpack(f"{order}{counted}", file.read(struct.calcsize(counted)))
+    size = 4 + 2 * word
+    entries = file.read(min(count, 4096) * size)
+    for start in range(0, len(entries) - size + 1, size):
+        name, kind, many = struct.unpack_from(f"{order}HH{number}", entries, start)
+        if name != tag or kind != _SHORT or many > _MOST_SHORTS:
+            continue
+        values = entries[start + 4 + word : start + size]
+        if 2 * many > word:
+            file.seek(struct.unpack(f"{order}{number}", values)[0])
+            values = file.read(2 * many)
+        return struct.unpack_from(f"{order}{many}H", values)
+    return ()
+
+
+_SHORT, _MOST_SHORTS = 3, 64
+
+
+def _targa(path: Path, spec: Spec) -> Declared:
+    """Kind 4 of the extension area; OpenImageIO puts the first texel into the top left corner itself."""
+    del path
+    kind = spec.getattribute("targa:alpha_type")
+    notes = ("it says that its alpha has no meaning, but it is read",) if kind in (1, 2) else ()
+    return Declared(alpha=PREMULTIPLIED if kind == 4 else STRAIGHT, notes=notes)
+
+
+_READERS: Mapping[str, Callable[[Path, Spec], Declared]] = {
+    "openexr": _openexr,
+    "hdr": _radiance,
+    "png": _png,
+    "tiff": _tiff,
+    "targa": _targa,
+    "jpegxl": _turned_by_its_decoder,
+    "dds": dds_said,
+}

@@ -1,0 +1,377 @@
+"""KTX 2.0 files: header, data format descriptor, key-value data and levels, written and read.
+
+The structure follows the KTX File Format Specification 2.0; descriptors follow the Khronos Data Format Specification
+1.3. Levels come as the bytes that a GPU takes; the encoders turn texels into these bytes.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+import sys
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from types import ModuleType
+
+from mipbake.base.errors import InputError
+from mipbake.source.images.gpu_format import READ_FORMATS, GpuFormat, GpuTexture, level_size
+
+IDENTIFIER = bytes.fromhex("AB4B5458203230BB0D0A1A0A")
+_HEADER = struct.Struct("<9I")  # vkFormat to supercompressionScheme
+_INDEX = struct.Struct("<4I2Q")  # offset and length of descriptor, key-value data, supercompression global data
+_LEVEL = struct.Struct("<3Q")  # offset, length, length when inflated
+_START = len(IDENTIFIER) + _HEADER.size + _INDEX.size
+
+NONE, BASIS_LZ, ZSTANDARD, ZLIB = range(4)
+"""supercompressionScheme of levels in the specification: as they are, one for ETC1S alone, or a stream for each."""
+
+_SCHEMES = {BASIS_LZ: "BasisLZ"}
+
+MOST = 65536
+"""Texels along a side; no graphics card has more, and a header that declares more is broken. The specification has no
+limit."""
+
+_ZSTANDARD_LEVEL = 15  # a guess; 18 is a third slower for 1 % less
+
+_UNSPECIFIED, _BT709 = 0, 1  # primaries in the data format specification
+_LINEAR, _SRGB = 1, 2  # transfer functions in the same specification
+_DESCRIPTOR_VERSION = 2  # of the same specification
+
+
+def encoded(texture: GpuTexture, supercompress: bool) -> bytes:
+    """The file. Levels are Zstandard streams with `supercompress`."""
+    made, levels = texture.format, list(texture.levels)
+    stored = levels
+    if supercompress:
+        stored = [_zstandard().compress(level, _ZSTANDARD_LEVEL) for level in levels]
+    descriptor = _descriptor(made)
+    values = _values(texture.values)
+    descriptor_at = _START + _LEVEL.size * len(levels)
+    values_at = descriptor_at + len(descriptor)
+    # Levels lie from the coarsest to the finest, so that a stream can be shown before it ends.
+    alignment = 1 if supercompress else math.lcm(made.block, 4)
+    place, places, body = values_at + len(values), [0] * len(levels), bytearray()
+    for index in reversed(range(len(levels))):
+        padding = -place % alignment
+        body += bytes(padding) + stored[index]
+        places[index] = place + padding
+        place += padding + len(stored[index])
+    scheme = ZSTANDARD if supercompress else NONE
+    header = _HEADER.pack(
+        made.vulkan, made.unit, texture.width, texture.height, 0, 0, 1, len(levels), scheme
+    )  # fmt: skip
+    index_ = _INDEX.pack(descriptor_at, len(descriptor), values_at if values else 0, len(values), 0, 0)
+    table = b"".join(
+        _LEVEL.pack(at, len(packed), len(level)) for at, packed, level in zip(places, stored, levels, strict=True)
+    )
+    return IDENTIFIER + header + index_ + table + descriptor + values + bytes(body)
+
+
+def _descriptor(made: GpuFormat) -> bytes:
+    """One basic descriptor block, the same with supercompression and without.
+
+    Early editions of KTX 2.0 wanted bytesPlane0 to be 0 in supercompressed files; later ones want what stands here, and
+    Babylon.js of July 2026 reads nothing else (its pull request 18793).
+    """
+    samples = b"".join(
+        struct.pack("<HBB4B2I", s.offset, s.length - 1, s.channel, 0, 0, 0, 0, s.lower, s.upper) for s in made.samples
+    )
+    size = 24 + len(samples)
+    # KHR_texture_basisu wants unspecified primaries for anything but colours.
+    primaries = _BT709 if made.srgb or made.vulkan else _UNSPECIFIED
+    transfer = _SRGB if made.srgb else _LINEAR
+    basic = struct.pack("<IHH4B", 0, _DESCRIPTOR_VERSION, size, made.model, primaries, transfer, 0)
+    basic += bytes([made.side - 1, made.side - 1, 0, 0])
+    basic += bytes([made.block, 0, 0, 0, 0, 0, 0, 0])
+    return struct.pack("<I", 4 + size) + basic + samples
+
+
+def _values(values: Mapping[str, bytes]) -> bytes:
+    out = bytearray()
+    for key in sorted(values):
+        entry = key.encode() + b"\0" + values[key]
+        out += struct.pack("<I", len(entry)) + entry + bytes(-len(entry) % 4)
+    return bytes(out)
+
+
+@dataclass(frozen=True)
+class Outline:
+    """What the header of a file tells, whatever its texels are.
+
+    Args:
+        texels: what they are stored as. srgb: whether colours are encoded so.
+        levels: (width, height) of each, finest first.
+        readable: whether `decoded` reads files of this kind.
+        transfer, primaries: of the descriptor, as numbers of the data format specification; 0 is unspecified.
+        premultiplied: whether the descriptor says that colours are multiplied by alpha.
+        channels: of decoded texels of ETC1S, those that the texture has; empty for other texels.
+        alpha: of ETC1S, which of these is alpha; -1: none.
+        several: what makes it more than one image of two dimensions, and how to get one; empty where it is one.
+        values: key-value data.
+    """
+
+    texels: str
+    srgb: bool
+    levels: tuple[tuple[int, int], ...]
+    readable: bool
+    transfer: int = 0
+    primaries: int = 0
+    premultiplied: bool = False
+    channels: tuple[int, ...] = ()
+    alpha: int = -1
+    several: str = ""
+    values: Mapping[str, bytes] = field(default_factory=dict)
+
+
+def outline(data: bytes, name: str) -> Outline:
+    """What the header of a file tells; InputError, which calls it `name`, where it is not a KTX 2 file or is broken."""
+    try:
+        head = _head(data, name)
+    except struct.error as error:
+        raise InputError(f"{name} ends within its header: it is not a complete KTX 2 file") from error
+    _check_size(head, name, 0)  # 0 levels are to be made by who loads the file
+    channels, alpha = _etc1s_channels(head.channels) if _texels(head) == ETC1S else ((), -1)
+    return Outline(
+        _texels(head),
+        head.transfer == _SRGB,
+        tuple(level_size(head.width, head.height, index) for index in range(max(1, head.count))),
+        head.made is not None and not head.several and head.scheme in (NONE, ZSTANDARD, ZLIB),
+        head.transfer,
+        head.primaries,
+        head.premultiplied,
+        channels,
+        alpha,
+        head.several,
+        _values_of(data, name),
+    )
+
+
+ETC1S = "ETC1S"
+_MODELS = {
+    **{128: "BC1", 129: "BC2", 130: "BC3", 131: "BC4", 132: "BC5", 133: "BC6H", 134: "BC7"},
+    **{160: "ETC1", 161: "ETC2", 162: "ASTC", 163: ETC1S, 164: "PVRTC", 165: "PVRTC2", 166: "UASTC"},
+    **{167: "UASTC HDR 4x4", 168: "UASTC HDR 6x6"},
+}
+"""Colour models in the data format specification."""
+
+
+def _texels(head: _Head) -> str:
+    """What texels are stored as, by the name that users know."""
+    if head.made is not None:
+        return head.made.name
+    number = f"Vulkan format {head.vulkan}"
+    name = _MODELS.get(head.model)
+    if name is None:
+        return number if head.vulkan else f"colour model {head.model}"
+    return f"{name} ({number})" if head.vulkan else name
+
+
+_RED_SLICE, _GREEN_SLICE, _ALPHA_SLICE = 3, 4, 15
+"""Channels of the samples of ETC1S that hold the same number in red, green and blue."""
+
+
+def _etc1s_channels(slices: Sequence[int]) -> tuple[tuple[int, ...], int]:
+    """The channels of decoded texels that a texture of these slices has, and the index of alpha; the second slice is
+    decoded to alpha, whatever it holds."""
+    colours = (0,) if slices[0] == _RED_SLICE else (0, 1, 2)
+    second = slices[1:2]
+    alpha = len(colours) if second == (_ALPHA_SLICE,) else -1
+    return (*colours, *(3 for _ in second)), alpha
+
+
+@dataclass(frozen=True)
+class _Head:
+    """The fields of a header; `several`: which layers, faces or slices there are; `channels`: of the descriptor's
+    samples; `made`: None for other formats."""
+
+    vulkan: int
+    width: int
+    height: int
+    several: str
+    count: int
+    scheme: int
+    model: int
+    primaries: int
+    transfer: int
+    premultiplied: bool
+    channels: tuple[int, ...]
+    made: GpuFormat | None
+
+
+_PREMULTIPLIED = 1  # flag of the descriptor
+_MOST_SAMPLES = 16  # of the descriptor; formats that are known here have four at most
+
+
+def _several(depth: int, layers: int, faces: int) -> str:
+    """What is more than one image; one layer, or one slice, is an image."""
+    found = [
+        (f"a cube map of {faces} faces", "face", "--face") if faces != 1 else None,
+        (f"an array of {layers} layers", "layer", "--layer") if layers > 1 else None,
+        (f"a 3D texture of {depth} slices", "slice", "--depth") if depth > 1 else None,
+    ]
+    for each in found:
+        if each is not None:
+            what, part, option = each
+            return f"{what}: extract one {part} as an image of its own (ktx extract {option} 0)"
+    return ""
+
+
+def _head(data: bytes, name: str) -> _Head:
+    if data[: len(IDENTIFIER)] != IDENTIFIER:
+        raise InputError(f"{name} is not a KTX 2 file: it does not begin like one")
+    vulkan, _, width, height, depth, layers, faces, count, scheme = _HEADER.unpack_from(data, len(IDENTIFIER))
+    descriptor_at, *_ = _INDEX.unpack_from(data, len(IDENTIFIER) + _HEADER.size)
+    size, model, primaries, transfer, flags = struct.unpack_from("<H4B", data, descriptor_at + 10)
+    samples = min(_MOST_SAMPLES, max(1, (size - 24) // 16))
+    channels = tuple(struct.unpack_from("<B", data, descriptor_at + 31 + 16 * i)[0] & 15 for i in range(samples))
+    made = next((f for f in READ_FORMATS.values() if _is(f, vulkan, model, transfer, channels[0])), None)
+    return _Head(
+        vulkan,
+        width,
+        height,
+        _several(depth, layers, faces),
+        count,
+        scheme,
+        model,
+        primaries,
+        transfer,
+        bool(flags & _PREMULTIPLIED),
+        channels,
+        made,
+    )
+
+
+def _check_size(head: _Head, name: str, least: int) -> None:
+    """InputError where no texture is so large, or has so many levels, `least` or more."""
+    if not head.width or not head.height:
+        raise InputError(f"{name} is {head.width} x {head.height} texels: expected a texture of two dimensions")
+    if max(head.width, head.height) > MOST:
+        raise InputError(f"{name} declares {head.width} x {head.height} texels: expected {MOST} along a side at most")
+    most = max(head.width, head.height).bit_length()
+    if not least <= head.count <= most:
+        raise InputError(f"{name} declares {head.count} levels: {head.width} x {head.height} texels have 1 to {most}")
+
+
+@dataclass(frozen=True)
+class StoredTexture:
+    """A texture as a file stores it: like `GpuTexture`, with levels that may still be streams of a scheme."""
+
+    format: GpuFormat
+    width: int
+    height: int
+    levels: tuple[bytes, ...]
+    values: Mapping[str, bytes]
+    scheme: int
+
+
+def stored(data: bytes, name: str) -> StoredTexture:
+    """What is in a file, nothing inflated; InputError as for `decoded`, except for streams that are broken."""
+    try:
+        return _stored(data, name)
+    except struct.error as error:
+        raise InputError(f"{name} ends within its header: it is not a complete KTX 2 file") from error
+
+
+def decoded(data: bytes, name: str) -> GpuTexture:
+    """The texture of a file; InputError, which calls it `name`, where it is broken or of a kind that is not read."""
+    found = stored(data, name)
+    levels = found.levels
+    if found.scheme != NONE:
+        inflate = _inflated if found.scheme == ZSTANDARD else _inflated_by_zlib
+        sizes = (found.format.level_size(*level_size(found.width, found.height, i)) for i in range(len(levels)))
+        levels = tuple(inflate(*each, name, i) for i, each in enumerate(zip(levels, sizes, strict=True)))
+    return GpuTexture(found.format, found.width, found.height, levels, found.values)
+
+
+def _stored(data: bytes, name: str) -> StoredTexture:
+    head = _head(data, name)
+    made, width, height = head.made, head.width, head.height
+    check_single(head.several, name)
+    if made is None:
+        raise InputError(
+            f"{name} has texels of {_texels(head)}, which are not decoded here: expected plain ones of 8 bits or half "
+            "floats, BC1 to BC5, BC7, UASTC or ETC1S; export it as PNG or EXR (ktx extract)"
+        )
+    _check_size(head, name, 1)
+    if head.scheme not in (NONE, ZSTANDARD, ZLIB):
+        scheme = _SCHEMES.get(head.scheme, str(head.scheme))
+        raise InputError(
+            f"{name} has the supercompression scheme {scheme}: expected none, Zstandard or zlib; pack it again"
+        )
+    levels = []
+    for index in range(head.count):
+        at, length, inflated = _LEVEL.unpack_from(data, _START + _LEVEL.size * index)
+        levels.append(data[at : at + length])
+        expected = made.level_size(*level_size(width, height, index))
+        if len(levels[-1]) != length or inflated != expected or (head.scheme == NONE and length != expected):
+            raise InputError(f"{name} lacks bytes of level {index}: it is not complete, or its index is wrong")
+    return StoredTexture(made, width, height, tuple(levels), _values_of(data, name), head.scheme)
+
+
+def check_single(several: str, name: str) -> None:
+    """InputError for more than one image; `several`: of `Outline`."""
+    if several:
+        raise InputError(f"{name} holds {several}")
+
+
+def _is(made: GpuFormat, vk_format: int, model: int, transfer: int, channel: int) -> bool:
+    """Whether a file is of a format; those without a number of Vulkan's are told by their descriptor."""
+    if vk_format or made.vulkan:
+        return made.vulkan == vk_format
+    return (made.model, made.srgb, made.samples[0].channel) == (model, transfer == _SRGB, channel & 15)
+
+
+def _zstandard() -> ModuleType:
+    """Python's own library since 3.14, and the same before."""
+    if sys.version_info >= (3, 14):
+        from compression import zstd
+    else:
+        from backports import zstd
+    return zstd
+
+
+def _inflated(stored: bytes, size: int, name: str, index: int) -> bytes:
+    """A level of `size` bytes, and no more of the stream than that: a short one can inflate to gigabytes."""
+    library = _zstandard()
+    try:
+        told = library.get_frame_info(stored).decompressed_size
+        if told not in (None, size):  # None: the stream does not tell
+            raise InputError(f"level {index} of {name} has {told} bytes when inflated, expected {size}")
+        inflated: bytes = library.ZstdDecompressor().decompress(stored, size + 1)
+    except library.ZstdError as error:
+        raise InputError(f"level {index} of {name} is not a Zstandard stream ({error})") from error
+    return _sized(inflated, size, name, index)
+
+
+def _inflated_by_zlib(stored: bytes, size: int, name: str, index: int) -> bytes:
+    """The same for a stream of zlib."""
+    try:
+        inflated = zlib.decompressobj().decompress(stored, size + 1)
+    except zlib.error as error:
+        raise InputError(f"level {index} of {name} is not a zlib stream ({error})") from error
+    return _sized(inflated, size, name, index)
+
+
+def _sized(inflated: bytes, size: int, name: str, index: int) -> bytes:
+    if len(inflated) != size:
+        found = f"more than {size}" if len(inflated) > size else str(len(inflated))
+        raise InputError(f"level {index} of {name} has {found} bytes when inflated, expected {size}")
+    return inflated
+
+
+def _values_of(data: bytes, name: str) -> dict[str, bytes]:
+    *_, at, length, _, _ = _INDEX.unpack_from(data, len(IDENTIFIER) + _HEADER.size)
+    return _read_values(data[at : at + length], name)
+
+
+def _read_values(data: bytes, name: str) -> dict[str, bytes]:
+    found, at = {}, 0
+    while at + 4 <= len(data):
+        (length,) = struct.unpack_from("<I", data, at)
+        key, end, value = data[at + 4 : at + 4 + length].partition(b"\0")
+        if not end or at + 4 + length > len(data):
+            raise InputError(f"{name} has key-value data that ends within an entry")
+        found[key.decode("utf-8", "replace")] = value
+        at += 4 + length + -length % 4
+    return found

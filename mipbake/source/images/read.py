@@ -1,0 +1,278 @@
+"""Reading image files: headers, and pixels in the type that the file stores, where the file says that they belong."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import os
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake.base import disk, memory
+from mipbake.base.errors import InputError
+from mipbake.base.messages import listed, told_by
+from mipbake.source.images.declared import Declared, arranged, in_gltf
+
+if TYPE_CHECKING:
+    import OpenImageIO
+
+IMAGE_SUFFIXES = frozenset(
+    f".{s}"
+    for s in (
+        *("png", "jpg", "jpeg", "tif", "tiff", "tga", "exr", "hdr", "bmp", "webp", "dds", "psd", "jp2", "jxl"),
+        *("sgi", "ppm", "pgm", "pnm", "tx", "avif", "ktx2"),
+    )
+)
+
+Place: TypeAlias = "tuple[int, str]"
+"""Part and layer of a file that has several."""
+
+_NATIVE = {"uint8": np.uint8, "uint16": np.uint16, "half": np.float16, "float": np.float32}
+"""Types that texels keep, by the name that OpenImageIO has for them."""
+
+AT_ONCE = 1 << 20
+"""Texels that are read together."""
+
+
+@dataclass(frozen=True)
+class Header:
+    """What is known of an image: size in texels, number of channels, the index of alpha (-1: none), stored type, and
+    what the file says of it, which size and channels follow already.
+    """
+
+    path: Path
+    width: int
+    height: int
+    channels: int
+    alpha: int
+    depth: str
+    declared: Declared = field(default_factory=Declared)
+
+    @property
+    def colour_space(self) -> str | None:
+        """The colour space that the file tells for its colours."""
+        return self.declared.colour.space
+
+    @property
+    def is_integer(self) -> bool:
+        """Whether values are stored as integers that stand for [0, 1]."""
+        return self.depth not in ("half", "float", "double")
+
+
+def read_header(path: Path, role: str = "", metadata: bool = True) -> Header:
+    """The header of the image for a role; InputError when the file is not an image or has no texels.
+
+    Args:
+        path: of the file.
+        role: that the image fills: a file of several layers may name one for it.
+        metadata: whether what the file says of orientation, alpha and colours counts; in glTF it does not.
+    """
+    if _is_other(path):
+        return _other_header(path, disk.read_bytes(path), metadata)
+    return _header(path, _open(path), role, metadata)
+
+
+@dataclass(frozen=True)
+class Image:
+    """A file's image: pixels (H, W, C) of uint8, uint16, float16 or float32 with the colours as stored, turned and
+    placed as the file says, its header, and the file's SHA-256 in hexadecimal.
+    """
+
+    pixels: NDArray[np.generic]
+    header: Header
+    sha256: str
+
+
+def read_image(path: Path, role: str | Place = "", metadata: bool = True) -> Image:
+    """Every texel of an image; see `read_header`. Instead of a role, the place of the layer that a role took.
+
+    Raises:
+        InputError: the file is not an image, is damaged or cut short, or holds NaN or infinity.
+    """
+    data = disk.read_bytes(path)
+    if data.startswith(PNG_SIGNATURE):
+        check_png(path, io.BytesIO(data))
+    digest = hashlib.sha256(data).hexdigest()
+    if _is_other(path):
+        return _other_image(path, data, digest, metadata)
+    del data
+    image = _open(path)
+    header = _header(path, image, role, metadata)
+    stored = header.depth if header.depth in _NATIVE else "float"
+    spec, channels = image.spec(), header.declared.channels or tuple(range(image.spec().nchannels))
+    pixels = memory.empty((spec.height, spec.width, len(channels)), _NATIVE[stored])
+    low, high = min(channels), max(channels) + 1
+    order = [channel - low for channel in channels]
+    ordered = order == list(range(high - low))
+    for rows, texels in _bands(image, stored, low, high):
+        if texels is None or image.has_error:
+            reason = told_by(image.geterror)
+            raise InputError(f"{path} is damaged or cut short ({reason}): export or download it again")
+        some = texels.reshape(-1, spec.width, high - low)
+        pixels[rows] = some if ordered else some[..., order]
+    image.close()
+    pixels = arranged(pixels, header.declared)
+    _check_finite(path, pixels)
+    return Image(pixels, header, digest)
+
+
+def _bands(
+    image: OpenImageIO.ImageInput, stored: str, low: int, high: int
+) -> Iterator[tuple[slice, NDArray[np.generic] | None]]:
+    """Neighbouring channels of an image, of one type, some rows at a time; None for rows that cannot be read."""
+    spec = image.spec()
+    tall = spec.tile_height or 1
+    step = max(1, AT_ONCE // (spec.width * tall)) * tall
+    for start in range(0, spec.height, step):
+        end = min(spec.height, start + step)
+        lines = spec.y + start, spec.y + end
+        if spec.tile_width:
+            columns = spec.x, spec.x + spec.width
+            texels = image.read_tiles(*columns, *lines, spec.z, spec.z + 1, low, high, stored)
+        else:
+            texels = image.read_scanlines(*lines, spec.z, low, high, stored)
+        yield slice(start, end), texels
+
+
+def _is_other(path: Path) -> bool:
+    """Whether a file is of a kind that OpenImageIO does not read."""
+    from mipbake.source.images.other_images import START, is_other
+
+    with disk.opened(path) as file:
+        return is_other(file.read(START))
+
+
+def _other_header(path: Path, data: bytes, metadata: bool) -> Header:
+    from mipbake.source.images.other_images import outline
+
+    found = outline(data, path)
+    said = found.declared if metadata else in_gltf(found.declared)
+    width, height = said.size(found.width, found.height)
+    _check_size(path, width, height)
+    return Header(path, width, height, found.channels, found.alpha, found.depth, said)
+
+
+def _other_image(path: Path, data: bytes, digest: str, metadata: bool) -> Image:
+    from mipbake.source.images.other_images import pixels_of
+
+    header = _other_header(path, data, metadata)
+    pixels = arranged(pixels_of(data, path), header.declared)
+    _check_finite(path, pixels)
+    return Image(pixels, header, digest)
+
+
+def _open(path: Path) -> OpenImageIO.ImageInput:
+    import OpenImageIO
+
+    _check_name(path)
+    with disk.opened(path) as file:
+        start = file.read(24)
+    if not start:
+        raise InputError(f"{path} is empty (0 bytes): export or download it again")
+    if start.startswith(PNG_SIGNATURE) and len(start) == 24:
+        _check_size(path, int.from_bytes(start[16:20], "big"), int.from_bytes(start[20:24], "big"))
+    config = OpenImageIO.ImageSpec()
+    config.attribute("oiio:UnassociatedAlpha", 1)
+    image = OpenImageIO.ImageInput.open(str(path), config)
+    if image is None:
+        raise InputError(f"{path} is not a readable {path.suffix or 'image'} image ({told_by(OpenImageIO.geterror)})")
+    return image
+
+
+def _check_name(path: Path) -> None:
+    """InputError for a name whose bytes are not UTF-8, which OpenImageIO cannot take."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        shown = os.fsencode(path).decode("utf-8", "backslashreplace")
+        raise InputError(f"the file name {shown} is not UTF-8: rename the file or its folder") from None
+
+
+def _header(path: Path, image: OpenImageIO.ImageInput, role: str | Place, metadata: bool) -> Header:
+    from mipbake.source.images.exr_layers import taken_layer
+    from mipbake.source.images.file_says import said_by
+
+    kind = image.format_name()
+    layer, others = taken_layer(path, image, role) if kind == "openexr" else (None, "")
+    spec = image.spec()
+    _check_size(path, spec.width, spec.height)
+    said = said_by(path, image)
+    channels, alpha, depth = spec.nchannels, spec.alpha_channel, str(spec.format)
+    if layer:
+        channels, alpha, depth = len(layer.channels), layer.alpha, layer.depth
+        said = replace(said, channels=layer.channels, part=layer.part, layer=layer.name)
+        if others:
+            told = f"its layer {layer.name or 'without a name'} is taken, and not {others}"
+            said = replace(said, notes=(*said.notes, told))
+    elif said.channels:
+        channels, alpha = len(said.channels), said.channels.index(alpha) if alpha in said.channels else -1
+    elif kind == "tiff":
+        count = 1
+        while image.seek_subimage(count, 0):
+            count += 1
+        told_by(image.geterror)  # clears it: the reader calls the end of the images an error
+        image.seek_subimage(0, 0)
+        if count > 1:
+            said = replace(said, warnings=(*said.warnings, f"it holds {count} images: only the first is read"))
+    if layer is None and channels > 3:
+        unknown = [name for index, name in enumerate(spec.channelnames) if index > 2 and index != alpha]
+        if unknown:
+            told = f"the file does not say what is in its channels {listed(unknown)}: they are left out"
+            said = replace(said, notes=(*said.notes, told))
+    said = said if metadata else in_gltf(said)
+    width, height = said.size(spec.width, spec.height)
+    return Header(path, width, height, channels, alpha, depth, said)
+
+
+def _check_size(path: Path, width: int, height: int) -> None:
+    if width < 1 or height < 1:
+        raise InputError(f"{path} is {width} x {height} texels: expected at least 1 x 1; export it again")
+
+
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+
+
+def check_png(path: Path, file: BinaryIO) -> None:
+    """InputError for a PNG whose chunks are damaged or cut short: libpng fills what is missing silently, or prints to
+    the standard error itself.
+    """
+    size, at = file.seek(0, os.SEEK_END), len(PNG_SIGNATURE)
+    while at + 12 <= size:
+        file.seek(at)
+        length = int.from_bytes(file.read(4), "big")
+        if at + 12 + length > size:
+            break
+        chunk = file.read(4 + length)
+        if zlib.crc32(chunk) != int.from_bytes(file.read(4), "big"):
+            name = chunk[:4].decode("ascii", "replace")
+            raise InputError(f"{path} is damaged (checksum of {name} at byte {at}): export or download it again")
+        if chunk[:4] == b"IEND":
+            return
+        at += 12 + length
+    raise InputError(f"{path} is cut short after {size} bytes: export or download it again")
+
+
+def _check_finite(path: Path, pixels: NDArray[np.generic]) -> None:
+    if pixels.dtype.kind != "f":
+        return
+    count, first = 0, (0, 0, 0)
+    for rows in memory.some_rows(pixels):
+        bad = ~np.isfinite(pixels[rows])
+        if not bad.any():
+            continue
+        if not count:
+            place = np.unravel_index(int(np.argmax(bad)), bad.shape)
+            first = rows.start + int(place[0]), int(place[1]), int(place[2])
+        count += int(np.count_nonzero(bad))
+    if count:
+        row, column, channel = first
+        raise InputError(
+            f"{path} holds {count} NaN or infinite value{'s' if count > 1 else ''}, the first at row {row}, "
+            f"column {column}, channel {channel}: replace them before baking"
+        )

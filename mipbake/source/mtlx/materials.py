@@ -1,0 +1,194 @@
+"""MaterialX documents (1.38, 1.39) whose materials point at textures: which file fills which role, and how.
+
+What a document says holds, whatever the names of its files suggest. The shaders that are read are Autodesk Standard
+Surface, glTF PBR, OpenPBR Surface and UsdPreviewSurface.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from mipbake.base import disk
+from mipbake.base.errors import InputError
+from mipbake.base.safe_names import unique_name
+from mipbake.source.mtlx.document import Document, Element, Link, Scope, Value, read_document
+from mipbake.source.mtlx.roles import Sources, read_roles
+from mipbake.source.mtlx.shaders import SHADERS
+from mipbake.source.mtlx.trace import Tracer
+from mipbake.source.options import LoadOptions
+from mipbake.source.sources import Log
+from mipbake.source.tiles import is_pattern, pattern_files, tile_options
+
+_CHANNELS = re.compile(":[RGBA]{1,4}$")
+
+
+@dataclass(frozen=True)
+class MtlxMaterial:
+    """A material that `mipbake.load(files, options)` reads.
+
+    Args:
+        name: safe as a folder name, and the document's only one of that name.
+        document: the file that it is from.
+        shader: its surface shader's kind, "standard_surface" and so on.
+        options: what fills every role, with absolute paths. Every role is set, so that names decide nothing.
+        files: the files of all its textures, with the files of all tiles.
+        udim: whether names in `options.maps` hold <UDIM> or <UVTILE>: `tiles` is to be used then.
+        notes: what was found and assumed, in sentences.
+        warnings: what the user should look at, in sentences.
+    """
+
+    name: str
+    document: Path
+    shader: str
+    options: LoadOptions
+    files: tuple[Path, ...]
+    udim: bool
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    def tiles(self) -> Mapping[int, tuple[list[Path], LoadOptions]]:
+        """Tile number to the files and the options that `mipbake.load` takes for it; empty without UDIM.
+
+        Raises:
+            InputError: a tile lacks its normal or its roughness map.
+        """
+        patterns = [p for p in _paths(self.options) if is_pattern(p)]
+        numbers = sorted({tile for pattern in patterns for tile in pattern_files(pattern)})
+        own = {tile: tile_options(self.options, tile) for tile in numbers}
+        return {tile: (_paths(options), options) for tile, options in own.items()}
+
+
+@dataclass(frozen=True)
+class MtlxMaterials:
+    """The materials of a document that point at textures, in its order.
+
+    `errors`: what is wrong with those whose textures are not there, a sentence each. A warning of the first material
+    tells of those that hold nothing to bake.
+    """
+
+    materials: tuple[MtlxMaterial, ...]
+    errors: tuple[str, ...] = ()
+
+
+def read_materialx(path: str | os.PathLike[str], within: Path | None = None) -> MtlxMaterials:
+    """The materials of a document.
+
+    Args:
+        path: of the document.
+        within: folder that everything which it names has to lie in; None for any.
+
+    Raises:
+        InputError: the document cannot be read, or none of its materials: it names textures that are not there, its
+            shaders are of other kinds, or neither normal nor roughness comes from a file.
+    """
+    document = read_document(Path(path), within)
+    surfaces = _surfaces(document)
+    if not surfaces:
+        raise InputError(f"{document.path} holds no material: expected a surfacematerial with a surface shader")
+    tracer, taken = Tracer(document), set[str]()
+    materials: list[MtlxMaterial] = []
+    errors: list[str] = []
+    skipped: list[str] = []
+    for surface in surfaces:
+        where = f"{document.path}: the material {surface.name}"
+        try:
+            found = _material(document, tracer, surface, where, taken)
+        except InputError as error:
+            skipped.append(error.full)
+            continue
+        try:
+            materials.append(replace(found, files=_files(found.options, where)))
+        except InputError as error:
+            errors.append(error.full)
+    if not materials:
+        reasons = errors + skipped
+        others = f"; {len(reasons) - 1} more materials cannot be read either" if len(reasons) > 1 else ""
+        raise InputError(reasons[0] + others)
+    left_out = tuple(f"left out: {reason}" for reason in skipped)
+    materials[0] = replace(materials[0], warnings=materials[0].warnings + left_out)
+    return MtlxMaterials(tuple(materials), tuple(errors))
+
+
+@dataclass(frozen=True)
+class _Surface:
+    """A material's name, its surface shader, and the node that displaces it."""
+
+    name: str
+    shader: Link | None
+    reason: str = ""
+    displacement: Link | None = None
+
+
+def _surfaces(document: Document) -> list[_Surface]:
+    """Every surfacematerial; where there is none, every shader that is known."""
+    found = []
+    for container in (document.root, *document.root.iterfind("nodegraph")):
+        if container.get("nodedef"):
+            continue
+        scope = document.scope if container is document.root else Scope(container, None, document.scope)
+        for node in container.iterfind("surfacematerial"):
+            shader, reason = _shader_of(document, node, "surfaceshader", scope)
+            displacement, _ = _shader_of(document, node, "displacementshader", scope)
+            found.append(_Surface(node.get("name", ""), shader, reason, displacement))
+    if found:
+        return found
+    alone = [node for node in document.root if node.tag in SHADERS]
+    return [_Surface(node.get("name", ""), Link(node, document.scope)) for node in alone]
+
+
+def _shader_of(document: Document, node: Element, name: str, scope: Scope) -> tuple[Link | None, str]:
+    given = document.given(node, name, scope)
+    if not isinstance(given, Link):
+        return None, f"it has no {name}" if given is None or isinstance(given, Value) else f"it names {given.text}"
+    source = document.source_of(given)
+    return (source, "") if isinstance(source, Link) else (None, f"it names {source.text}")
+
+
+def _material(document: Document, tracer: Tracer, surface: _Surface, where: str, taken: set[str]) -> MtlxMaterial:
+    """What a surface says, before its files are looked for; InputError where it holds nothing to bake."""
+    if surface.shader is None:
+        raise InputError(f"{where} cannot be read ({surface.reason}): expected a surface shader")
+    node, scope = surface.shader.node, surface.shader.scope
+    shader = SHADERS.get(node.tag)
+    if shader is None:
+        raise InputError(f"{where} is made of {node.tag}: expected one of {', '.join(SHADERS)}")
+    log = Log(list(document.notes))
+    height = None
+    if surface.displacement is not None and surface.displacement.node.tag == "displacement":
+        height = tracer.input(surface.displacement.node, "displacement", surface.displacement.scope)
+    filled = read_roles(Sources(tracer, node, scope, shader, height), where, log)
+    options = filled.options
+    name = unique_name(surface.name or node.get("name", ""), "material", taken)
+    return MtlxMaterial(
+        name,
+        document.path,
+        node.tag,
+        replace(options, name=name),
+        (),
+        any(is_pattern(p) for p in _paths(options)),
+        tuple(log.notes),
+        tuple(log.warnings),
+    )
+
+
+def _files(options: LoadOptions, where: str) -> tuple[Path, ...]:
+    """The files that maps name, with the files of all tiles; InputError where one is not there."""
+    files: list[Path] = []
+    for file in _paths(options):
+        if is_pattern(file):
+            files += pattern_files(file).values()
+        elif disk.is_file(file):
+            files.append(file)
+        else:
+            raise InputError(f"{where} names {file.name}, which is not there: expected {file}")
+    return tuple(dict.fromkeys(files))
+
+
+def _paths(options: LoadOptions) -> list[Path]:
+    """The files and patterns that maps name, each once."""
+    named = [choice for choice in options.maps.values() if isinstance(choice, str)]
+    return list(dict.fromkeys(Path(_CHANNELS.sub("", choice)) for choice in named))

@@ -1,0 +1,130 @@
+"""Opacity: colours that a mask hides do not bleed, and what is tested against a threshold keeps its coverage."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake.material.directions import untangled
+from mipbake.material.fill import fill
+from mipbake.material.pixel_filter import filtered_levels, resample
+from mipbake.source.decode import unit_directions, upsample
+from mipbake.source.normal import normalised
+from mipbake.source.options import SHADING_ROLES
+from mipbake.source.texture_set import TextureSet
+
+Image = NDArray[np.float32]
+Wrap = tuple[str, str]
+
+
+def opacity_of(texture_set: TextureSet) -> Image | None:
+    """(H, W) opacity of a set at the size of its maps that shade; None where it hides nothing."""
+    if "opacity" not in texture_set.maps or texture_set.maps["opacity"].pixels.min() >= 1:
+        return None
+    size = (texture_set.height, texture_set.width)
+    return _at_size(texture_set.maps["opacity"].pixels, size, texture_set.wrap)
+
+
+def _at_size(opacity: Image, size: tuple[int, int], wrap: Wrap) -> Image:
+    """(H, W) of (h, w, 1): interpolated where it is smaller along a side, averaged where it is larger."""
+    height, width = (max(a, b) for a, b in zip(size, opacity.shape[:2], strict=True))
+    resized = np.ascontiguousarray(upsample(opacity, width, height, wrap))
+    return resample(resized, size, "box", wrap)[..., 0] if (height, width) != size else resized[..., 0]
+
+
+def shown(texture_set: TextureSet) -> TextureSet:
+    """A texture set whose maps that shade have what is wholly transparent filled from its surroundings."""
+    opacity = opacity_of(texture_set)
+    if opacity is None:
+        return texture_set
+    weights = (opacity > 0).astype(np.float32)
+    maps = dict(texture_set.maps)
+    for role, each in texture_set.maps.items():
+        if role not in SHADING_ROLES:
+            continue
+        pixels = untangled(each.pixels, texture_set.wrap) if role == "anisotropy" else each.pixels
+        filled = fill(pixels, weights, texture_set.wrap)
+        if role == "normal":
+            filled = normalised(filled)
+        elif role == "anisotropy":
+            filled[..., :2] = unit_directions(filled[..., :2])
+        maps[role] = replace(each, pixels=filled)
+    return replace(texture_set, maps=maps)
+
+
+def covering(
+    levels: Sequence[Image], stored: Image, opacity: Image, colours: slice, pixel_filter: str, wrap: Wrap
+) -> list[Image]:
+    """Baked levels (H_L, W_L, C) whose base colours count by their opacity; see `premultiplied`.
+
+    Args:
+        levels: as they were baked.
+        stored: (H, W, C) of level 0 of the source, nothing in it hidden, base colours in the same channels.
+        opacity: (H, W) in [0, 1].
+        colours: channels of the base colour.
+        pixel_filter: that the levels were baked for.
+    """
+    made = premultiplied(stored[..., colours], opacity, [level[..., colours] for level in levels], pixel_filter, wrap)
+    out = []
+    for level, colour in zip(levels, made, strict=True):
+        changed = level.copy()
+        changed[..., colours] = colour
+        out.append(changed)
+    return out
+
+
+def premultiplied(colour: Image, opacity: Image, levels: Sequence[Image], pixel_filter: str, wrap: Wrap) -> list[Image]:
+    """Baked base colours as if they had been filtered by opacity: texels count for as much as they cover.
+
+    Every level is multiplied by the ratio of the average that is weighted by opacity to the plain one, which leaves
+    what a method made of colours beyond averaging.
+
+    Args:
+        colour: (H, W, 3) linear base colour of the source, nothing in it hidden.
+        opacity: (H, W) in [0, 1].
+        levels: (H_L, W_L, 3) as they were baked.
+        pixel_filter: that they were baked for.
+
+    Returns:
+        Levels within [0, 1]; where nothing is covered, as they were.
+    """
+    weight = opacity[..., None]
+    chains = [filtered_levels(image, pixel_filter, wrap) for image in (colour * weight, weight, colour)]
+    out = []
+    for level, product, cover, plain in zip(levels, *chains, strict=True):
+        covered = cover > 1e-4
+        average = np.where(covered, product / np.maximum(cover, 1e-4), plain)
+        ratio = np.where(plain > 1e-6, average / np.maximum(plain, 1e-6), 1)
+        out.append(np.clip(level * ratio, 0, 1).astype(np.float32))
+    return out
+
+
+def coverage(level: Image, cutoff: float) -> float:
+    """The share of a level's texels that pass the test."""
+    return float(np.mean(level >= np.float32(cutoff)))
+
+
+def keeping_coverage(levels: Sequence[Image], cutoff: float) -> list[Image]:
+    """Levels (H_L, W_L, 1) of an opacity that is tested against a cutoff, scaled so that as much passes as at level 0.
+
+    Averaging lets thin leaves and wires vanish, or fences close, in the distance. Every level is multiplied by the
+    factor that brings the share of texels above the cutoff the nearest to the share in level 0 (as the texture tools of
+    Castano 2010, "Computing alpha mipmaps", do by search). Level 0 is never altered.
+    """
+    share = coverage(levels[0], cutoff)
+    out = [levels[0]]
+    for level in levels[1:]:
+        scale = np.float32(cutoff / max(_threshold(level, share), 1e-6))
+        out.append(np.clip(level * scale, 0, 1).astype(np.float32))
+    return out
+
+
+def _threshold(level: Image, share: float) -> float:
+    """What the nearest to that share of texels lies above: between two values that occur, or beyond all."""
+    values, counts = np.unique(level, return_counts=True)
+    above = np.append(np.cumsum(counts[::-1])[::-1], 0) / level.size  # share that passes a threshold below values[i]
+    between = np.concatenate([values[:1] / 2, (values[:-1] + values[1:]) / 2, values[-1:] + 1e-3])
+    return float(between[int(np.argmin(np.abs(above - share)))])

@@ -1,0 +1,172 @@
+"""A folder with several texture sets, such as an export of Substance Painter: which file belongs to which set."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from mipbake.base.errors import InputError, UsageError
+from mipbake.base.messages import listed
+from mipbake.source.images.read import IMAGE_SUFFIXES
+from mipbake.source.names import Meaning, NameMatch, asset_words, classify
+from mipbake.source.options import SHADING_ROLES, LoadOptions, MapChoice
+
+_STAR = "*"
+_TILE = re.compile("<(UDIM|UVTILE)>", re.IGNORECASE)
+_CHANNELS = re.compile(r":[RGBA]{1,4}$", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class SetInFolder:
+    """One of several sets in a folder: its name, as its files begin with, and its files."""
+
+    name: str
+    files: tuple[Path, ...]
+
+
+@dataclass(frozen=True)
+class Division:
+    """The sets of a folder, and files that belong to no set."""
+
+    parts: tuple[SetInFolder, ...]
+    left_out: tuple[Path, ...]
+
+
+@dataclass(frozen=True)
+class _Named:
+    """A file with what its name means, and the words that its set is called by."""
+
+    file: Path
+    match: NameMatch
+    stem: str
+
+
+def divided(files: Sequence[Path], options: LoadOptions, tiles: Mapping[Path, str] | None = None) -> Division | None:
+    """The several sets that files belong to, by the words that their names begin with; None where they are one set.
+
+    They are several where two of them are complete, with a normal and a roughness map each, and two files would fill
+    one role. `--map ROLE=PATTERN` tells roles of files whose names do not.
+
+    Args:
+        files: of one folder.
+        options: choices of maps; roles that they decide for all sets tell nothing.
+        tiles: file to the text of its UDIM tile, which is not a part of a set's name.
+
+    Raises:
+        UsageError: a pattern has more than one *.
+    """
+    images = [file for file in files if file.suffix.lower() in IMAGE_SUFFIXES]
+    stems = {file: _without_tile(file.stem, (tiles or {}).get(file, "")) for file in images}
+    patterns = {role: _expression(role, str(choice)) for role, choice in options.maps.items() if _is_pattern(choice)}
+    named: list[_Named] = []
+    for file, match in zip(images, classify([stems[file] for file in images]), strict=True):
+        by_pattern = [
+            NameMatch(role, (Meaning(role),), asset_words(_without_tile(found["name"], (tiles or {}).get(file, ""))))
+            for role, expression in patterns.items()
+            if (found := expression.fullmatch(file.name))
+        ]
+        meant = by_pattern[0] if by_pattern else match
+        if meant is not None:
+            named.append(_Named(file, meant, stems[file]))
+    groups: dict[str, list[_Named]] = {}
+    for each in named:
+        groups.setdefault(_key(each.match.asset, each.stem), []).append(each)
+    decided = {role for role in options.maps if role not in patterns}
+    roles = {asset: _roles(group) | decided for asset, group in groups.items()}
+    complete = [asset for asset in groups if {"normal", "roughness"} <= roles[asset] and _roles(groups[asset])]
+    if len(complete) < 2 or not _compete([groups[asset] for asset in complete], decided):
+        return None
+    # A set that lacks one of the two is told when its turn comes; what has neither may be anybody's.
+    sets = [asset for asset in groups if {"normal", "roughness"} & (roles[asset] - decided)]
+    own = {asset: [each.file for each in groups[asset]] for asset in sets}
+    left_out: list[Path] = []
+    taken = {file for several in own.values() for file in several}
+    for file in images:
+        if file in taken:
+            continue
+        asset = max(
+            (a for a in sets if a and _key(asset_words(stems[file]), stems[file]).startswith(a)), key=len, default=None
+        )
+        (left_out if asset is None else own[asset]).append(file)
+    parts = (SetInFolder(_shown(asset, groups[asset]), tuple(sorted(own[asset]))) for asset in sets)
+    return Division(tuple(sorted(parts, key=lambda part: part.name.casefold())), tuple(left_out))
+
+
+def resolved(options: LoadOptions, files: Sequence[Path], what: str) -> LoadOptions:
+    """Options with the file in place of every pattern, for one set; a role whose pattern matches none of its files is
+    left to the names of the others.
+
+    Args:
+        options: with patterns. files: of the set. what: how messages call it.
+
+    Raises:
+        InputError: a pattern matches several files of the set.
+    """
+    maps: dict[str, MapChoice] = {}
+    for role, choice in options.maps.items():
+        if not _is_pattern(choice):
+            maps[role] = choice
+            continue
+        text = str(choice)
+        channels = _CHANNELS.search(text)
+        found = [file for file in files if _expression(role, text).fullmatch(file.name)]
+        if len(found) > 1:
+            raise InputError(
+                f"--map {role}={text} matches {listed(file.name for file in found)} of {what}: expected one file for "
+                "each set"
+            )
+        if found:
+            maps[role] = f"{found[0]}{channels[0] if channels else ''}"
+    return replace(options, maps=maps)
+
+
+def _is_pattern(choice: MapChoice) -> bool:
+    return isinstance(choice, (str, os.PathLike)) and _STAR in os.fspath(choice) and not Path(choice).exists()
+
+
+def _expression(role: str, text: str) -> re.Pattern[str]:
+    """A regular expression for the names of files that a pattern stands for."""
+    bare = _CHANNELS.sub("", text)
+    if bare.count(_STAR) != 1 or "/" in bare:
+        raise UsageError(f"--map {role}={text} is not a pattern of files: expected the name of a file with * once")
+    before, after = (re.escape(part) for part in bare.split(_STAR))
+    # Of tiles the name holds <UDIM>, as elsewhere.
+    return re.compile(_TILE.sub(r"(?:1\\d{3}|u\\d+_v\\d+)", f"{before}(?P<name>.*){after}"), re.IGNORECASE)
+
+
+def _without_tile(stem: str, tile: str) -> str:
+    return stem.replace(tile, "") if tile else stem
+
+
+def _key(words: str, stem: str) -> str:
+    """Equal for files of one set: its words, and the letters of other scripts, which are in no word."""
+    return "".join(letter for letter in stem.lower() if letter.isalnum() and not letter.isascii()) + words
+
+
+def _roles(group: Sequence[_Named]) -> set[str]:
+    return {meaning.role for each in group for meaning in each.match.meanings}
+
+
+def _compete(groups: Sequence[Sequence[_Named]], decided: set[str]) -> bool:
+    """Whether files of two groups would fill one role of a set, none of them preferred."""
+    for role in SHADING_ROLES:
+        if role in decided:
+            continue
+        ranks = [min((m.rank for e in g for m in e.match.meanings if m.role == role), default=None) for g in groups]
+        known = [rank for rank in ranks if rank is not None]
+        if known and known.count(min(known)) > 1:
+            return True
+    return False
+
+
+def _shown(asset: str, group: Sequence[_Named]) -> str:
+    """The name of a set as its files have it, with capitals and separators; empty for files of a role's name alone."""
+    for each in group:
+        for end in range(1, len(each.stem) + 1):
+            found = "".join(re.findall(r"[A-Za-z0-9]", each.stem[:end])).lower()
+            if _key(found, each.stem[:end]) == asset:
+                return each.stem[:end]
+    return asset

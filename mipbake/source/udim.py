@@ -1,0 +1,383 @@
+"""UDIM tile sets: tiles side by side as one texture set, so that filtering crosses their borders, and apart again."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake import material
+from mipbake.base.colour import LINEAR
+from mipbake.base.errors import UsageError
+from mipbake.base.messages import listed
+from mipbake.material.directions import untangled
+from mipbake.material.fill import fill
+from mipbake.material.pixel_filter import level_sizes
+from mipbake.source.decode import TextureMap, resized, unit_directions
+from mipbake.source.normal import normalised
+from mipbake.source.opacity import keeping_coverage
+from mipbake.source.options import CARRIED, COLOUR_ROLES, ROLES, SHADING_ROLES
+from mipbake.source.sources import DATA, MapSource, NormalConvention, spoken
+from mipbake.source.texture_set import TextureSet
+from mipbake.source.tiles import FIRST, LAST, name_with, place, tile_options, tiles_of
+
+if TYPE_CHECKING:
+    from mipbake.stack.stack import MipStack
+
+__all__ = ["Mosaic", "Tile", "islands", "joined", "mosaics", "split", "tile_options", "tiles_of"]
+
+CLAMPED = ("clamp", "clamp")
+
+_LACKING: Mapping[str, tuple[float, ...]] = {
+    "anisotropy": (1.0, 0.0, 0.0),
+    "occlusion": (1.0,),
+    "emissive": (0.0, 0.0, 0.0),
+    "opacity": (1.0,),
+}
+"""What stands for a map that other tiles have. A height is continued from them: any number would be a step."""
+
+
+@dataclass(frozen=True)
+class Tile:
+    """A tile of a mosaic.
+
+    Args:
+        name: of its stack, safe as a folder name.
+        row, column: where it lies, in tiles from the top left.
+        near: numbers of the tiles that touch it.
+        plain_roles: maps that do not shade and that the tile itself has.
+        sources: source file name to SHA-256 of its bytes.
+    """
+
+    name: str
+    row: int
+    column: int
+    near: tuple[int, ...]
+    plain_roles: tuple[str, ...]
+    sources: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class Mosaic:
+    """Tiles side by side.
+
+    Args:
+        texture_set: all of them as one, clamped, holes between them filled from the tiles around.
+        tiles: those that stacks are cut out for, by their numbers. Tiles of another size lie around them.
+        rows, columns: size in tiles.
+        alpha_cutoff: what renderers test the opacity of every tile against; None where it is blended. The texture set
+            has none: coverage is kept for each tile, not for all tiles together.
+    """
+
+    texture_set: TextureSet
+    tiles: Mapping[int, Tile]
+    rows: int
+    columns: int
+    alpha_cutoff: float | None = None
+
+
+def islands(tiles: Iterable[int]) -> list[list[int]]:
+    """Tile numbers in groups that touch, corners included: tiles that lie apart need no mosaic in common."""
+    left, groups = set(tiles), []
+    while left:
+        group, reached = [], [min(left)]
+        left.discard(reached[0])
+        while reached:
+            tile = reached.pop()
+            group.append(tile)
+            near = _neighbours(tile, left)
+            left.difference_update(near)
+            reached += near
+        groups.append(sorted(group))
+    return groups
+
+
+def mosaics(tiles: Mapping[int, TextureSet]) -> list[Mosaic]:
+    """A mosaic for each size that tiles have, the largest first, in which the tiles of that size keep their texels.
+
+    Raises:
+        UsageError: as `joined`.
+    """
+    sizes = {(each.height, each.width) for each in tiles.values()}
+    return [joined(tiles, size) for size in sorted(sizes, reverse=True)] or [joined(tiles)]
+
+
+def joined(tiles: Mapping[int, TextureSet], size: tuple[int, int] | None = None) -> Mosaic:
+    """Texture sets side by side as their tile numbers say: u runs to the right, v upwards.
+
+    Tiles of another size than the mosaic's are resampled to it, for what is filtered across borders. A map that only
+    some tiles have is a constant in the others (anisotropy of strength 0, occlusion, opacity and carried channels 1,
+    emissive 0; a height is continued from the tiles around). Where there is no tile, the maps are continued from the
+    tiles around: nothing foreign is filtered into their borders.
+
+    Args:
+        tiles: number, from 1001 to 1999, to texture set. Tiles that lie far apart are better joined by `islands`: the
+            mosaic is the rectangle around all of them.
+        size: (height, width) of the tiles that stacks are cut out for; by default, the largest that there is.
+
+    Raises:
+        UsageError: no tiles, a number that is not a tile's, or tiles whose opacity is tested against different cutoffs.
+    """
+    if not tiles:
+        raise UsageError("no tiles were given: expected tile numbers and their texture sets")
+    for tile in tiles:
+        if not FIRST <= tile <= LAST:
+            raise UsageError(f"{tile} is not a UDIM tile: expected a number from {FIRST} to {LAST}")
+    sets = {tile: tiles[tile] for tile in sorted(tiles)}
+    places = {tile: place(tile) for tile in sets}
+    left, bottom = (min(p[axis] for p in places.values()) for axis in (0, 1))
+    right, top = (max(p[axis] for p in places.values()) for axis in (0, 1))
+    cells = {tile: (top - v, u - left) for tile, (u, v) in places.items()}
+    rows, columns = top - bottom + 1, right - left + 1
+
+    shading = size or max((each.height, each.width) for each in sets.values())
+    inside = {tile: each for tile, each in sets.items() if (each.height, each.width) == shading}
+    sizes = {role: shading for role in SHADING_ROLES}
+    cutoffs = list(dict.fromkeys(s.alpha_cutoff for s in sets.values()))
+    if len(cutoffs) > 1:
+        told = " and ".join("none" if cutoff is None else f"{cutoff:g}" for cutoff in cutoffs)
+        raise UsageError(f"the tiles have different alpha cutoffs, {told}: load all of them with the same")
+    carried = {role: None for s in sets.values() for role in s.maps if role.startswith(CARRIED)}
+    groups = (inside.values(), sets.values())
+    roles = [role for role in (*ROLES, *carried) if any(role in s.maps for s in sets.values())]
+    for role in roles:
+        if role not in SHADING_ROLES:
+            of_size, every = ([s.maps[role].pixels.shape for s in some if role in s.maps] for some in groups)
+            there = of_size or every
+            sizes[role] = (max(s[0] for s in there), max(s[1] for s in there))
+    maps = {role: _mosaic_map(role, sets, cells, (rows, columns), sizes[role]) for role in roles}
+
+    conventions = [s.convention for s in sets.values()]
+    decided = [c for c in conventions if c.decided_by != "flat"]
+    notes = _common({t: (*s.notes, *_size_notes(s, shading), *_lacking_notes(s, roles)) for t, s in sets.items()})
+    warnings = _common({tile: s.warnings for tile, s in sets.items()})
+    texture_set = TextureSet(
+        next(iter(sets.values())).name,
+        maps,
+        columns * shading[1],
+        rows * shading[0],
+        CLAMPED,
+        (decided or conventions)[0],
+        hashlib.sha256(json.dumps([(tile, s.source_hash) for tile, s in sets.items()]).encode()).hexdigest(),
+        tuple(notes),
+        (*warnings, *_convention_warnings(sets), *_size_warnings(shading)),
+    )
+    entries = {tile: _tile(tile, s, cells[tile], _neighbours(tile, set(sets))) for tile, s in inside.items()}
+    return Mosaic(texture_set, entries, rows, columns, cutoffs[0])
+
+
+def split(stack: MipStack, mosaic: Mosaic) -> Mapping[int, MipStack]:
+    """The stack of every tile, cut out of the stack of the mosaic: tile number to a complete chain down to 1 x 1,
+    clamped.
+
+    Levels whose texels divide the tile evenly are cut out exactly: all of a square tile whose side is a power of two.
+    The others are looked up in the mosaic's levels where their texels lie, trilinearly, as an engine would. Opacity
+    that is tested against a cutoff keeps the coverage of each tile.
+
+    Raises:
+        UsageError: the stack is not the stack of the mosaic.
+    """
+    from mipbake.stack.stack import MipStack
+
+    texture_set = mosaic.texture_set
+    if stack.size != (texture_set.height, texture_set.width) or set(stack.extra) != set(texture_set.plain_maps):
+        raise UsageError(
+            f"the stack {stack.name} measures {stack.size[1]} x {stack.size[0]} and is not the stack of the mosaic of "
+            f"{texture_set.width} x {texture_set.height}: bake the mosaic's texture set"
+        )
+    grid = (mosaic.rows, mosaic.columns)
+    exact = _exact_levels(stack.size[0] // mosaic.rows, stack.size[1] // mosaic.columns)
+    promise = stack.provenance.promise
+    if promise is not None:
+        promise = promise.first(exact)
+    stacks = {}
+    for number, tile in mosaic.tiles.items():
+        cell = (tile.row, tile.column)
+        # What is looked up between texels needs its vectors made unit again; what is cut out stays as it is.
+        levels = [
+            level if index < exact else material.regularise(level, stack.model)
+            for index, level in enumerate(_cut(stack.levels, grid, cell))
+        ]
+        together = f"tile {number} was filtered across its borders with {', '.join(str(n) for n in tile.near)}"
+        own = hashlib.sha256(f"{stack.provenance.source_hash} {number}".encode()).hexdigest()
+        provenance = replace(
+            stack.provenance,
+            sources=tile.sources,
+            source_hash=own,
+            warnings=(*stack.provenance.warnings, *([f"{together}: bake them together again"] if tile.near else [])),
+            promise=promise,
+        )
+        extra = {role: _cut(stack.extra[role], grid, cell) for role in tile.plain_roles}
+        if mosaic.alpha_cutoff is not None and "opacity" in extra:
+            extra["opacity"] = keeping_coverage(extra["opacity"], mosaic.alpha_cutoff)
+        stacks[number] = MipStack(tile.name, stack.model, levels, extra, CLAMPED, provenance)
+    return stacks
+
+
+def _neighbours(tile: int, among: set[int]) -> list[int]:
+    u, v = place(tile)
+    return [t for t in among if t != tile and max(abs(place(t)[0] - u), abs(place(t)[1] - v)) == 1]
+
+
+def _tile(number: int, texture_set: TextureSet, cell: tuple[int, int], near: Iterable[int]) -> Tile:
+    sources = {m.source.path.name: m.source.sha256 for m in texture_set.maps.values() if m.source.path}
+    name = name_with(texture_set.name, number)
+    return Tile(name, *cell, tuple(sorted(near)), tuple(texture_set.plain_maps), sources)
+
+
+def _mosaic_map(
+    role: str,
+    sets: Mapping[int, TextureSet],
+    cells: Mapping[int, tuple[int, int]],
+    grid: tuple[int, int],
+    size: tuple[int, int],
+) -> TextureMap:
+    """One role of all tiles at `size` (height, width) each."""
+    height, width = size
+    channels = next(s.maps[role].pixels.shape[2] for s in sets.values() if role in s.maps)
+    pixels = np.zeros((grid[0] * height, grid[1] * width, channels), np.float32)
+    known = np.zeros(pixels.shape[:2], bool)
+    for tile, (row, column) in cells.items():
+        here = (slice(row * height, (row + 1) * height), slice(column * width, (column + 1) * width))
+        texture = sets[tile].maps.get(role)
+        if texture is not None:
+            pixels[here] = resized(texture, width, height, CLAMPED).pixels
+        elif (constant := _constant(role)) is not None:
+            pixels[here] = constant
+        known[here] = texture is not None or _constant(role) is not None
+    if not known.all():
+        if role == "anisotropy":
+            pixels = untangled(pixels, CLAMPED)
+        filled = fill(pixels, known.astype(np.float32))
+        if role == "normal":
+            filled = normalised(filled)
+        elif role == "anisotropy":
+            filled[..., :2] = unit_directions(filled[..., :2])
+        pixels = np.where(known[..., None], pixels, filled)
+    encoding = LINEAR if role in COLOUR_ROLES else DATA
+    source = MapSource(role, None, "", pixels.shape[1], pixels.shape[0], "float", encoding, False, "tiles side by side")
+    return TextureMap(pixels, source)
+
+
+def _constant(role: str) -> tuple[float, ...] | None:
+    """What stands for a map in tiles that lack it; None where it is continued from the others."""
+    return (1.0,) if role.startswith(CARRIED) else _LACKING.get(role)
+
+
+def _common(sentences: Mapping[int, Iterable[str]]) -> list[str]:
+    """Every sentence once: as it is where all tiles say it, else with the tiles that do."""
+    said: dict[str, list[int]] = {}
+    for tile, several in sentences.items():
+        for sentence in dict.fromkeys(several):
+            said.setdefault(sentence, []).append(tile)
+    return [
+        sentence if len(tiles) == len(sentences) else f"{listed(tiles)}: {sentence}" for sentence, tiles in said.items()
+    ]
+
+
+def _size_notes(texture_set: TextureSet, size: tuple[int, int]) -> list[str]:
+    height, width = size
+    if (texture_set.height, texture_set.width) == size:
+        return []
+    return [
+        f"resampled from {texture_set.width} x {texture_set.height} to {width} x {height} beside tiles of that size"
+    ]
+
+
+def _lacking_notes(texture_set: TextureSet, roles: Iterable[str]) -> list[str]:
+    lacking = [role for role in roles if role not in texture_set.maps]
+    return [
+        f"no {spoken(role)} map, which other tiles have: "
+        + ("it is continued from them" if _constant(role) is None else "a constant that changes nothing is used")
+        for role in lacking
+    ]
+
+
+def _convention_warnings(sets: Mapping[int, TextureSet]) -> list[str]:
+    by_name: dict[str, list[str]] = {}
+    for tile, texture_set in sets.items():
+        convention: NormalConvention = texture_set.convention
+        if convention.decided_by != "flat":
+            by_name.setdefault(convention.name, []).append(str(tile))
+    if len(by_name) < 2:
+        return []
+    told = " and ".join(f"{listed(tiles)} as {spoken(name)}" for name, tiles in by_name.items())
+    return [f"normal maps of one set were read differently, {told}: set the normal convention"]
+
+
+def _size_warnings(size: tuple[int, int]) -> list[str]:
+    exact, count = _exact_levels(*size), len(level_sizes(*size))
+    if exact == count:
+        return []
+    return [
+        f"the tiles measure {size[1]} x {size[0]}: their levels from {exact} on do not divide them evenly and are "
+        "looked up between texels of the mosaic, which blurs them slightly; square tiles with a power of two as side "
+        "are cut out exactly"
+    ]
+
+
+def _exact_levels(height: int, width: int) -> int:
+    """How many levels of a tile consist of whole texels of the mosaic's levels."""
+    return sum(1 for level in range(len(level_sizes(height, width))) if not (height | width) & ((1 << level) - 1))
+
+
+def _cut(
+    chain: Iterable[NDArray[np.float32]], grid: tuple[int, int], cell: tuple[int, int]
+) -> list[NDArray[np.float32]]:
+    """The chain of the tile at `cell` (row, column) out of the chain of the mosaic of `grid` (rows, columns) tiles."""
+    levels = list(chain)
+    height, width = (size // count for size, count in zip(levels[0].shape[:2], grid, strict=True))
+    exact, sizes = _exact_levels(height, width), level_sizes(height, width)
+    out = []
+    for index, (rows, columns) in enumerate(sizes):
+        if index < exact:
+            top, left = cell[0] * rows, cell[1] * columns
+            part = levels[index][top : top + rows, left : left + columns]
+        else:
+            part = _trilinear(levels, grid, cell, (height, width), (rows, columns))
+        out.append(np.ascontiguousarray(part))
+    return out
+
+
+def _trilinear(
+    levels: list[NDArray[np.float32]],
+    grid: tuple[int, int],
+    cell: tuple[int, int],
+    tile: tuple[int, int],
+    size: tuple[int, int],
+) -> NDArray[np.float32]:
+    """A level of `size` (rows, columns) of a tile of that many texels, by trilinear lookups in the mosaic's levels.
+
+    The level of detail follows the shorter side of a texel; along the longer one several lookups are averaged.
+    """
+    texel = [n / m for n, m in zip(tile, size, strict=True)]
+    lod = min(float(np.log2(min(texel))), len(levels) - 1.0)
+    taps = [max(1, round(t / 2**lod)) for t in texel]
+    at = [
+        (cell[axis] + (np.arange(size[axis] * taps[axis]) + 0.5) / (size[axis] * taps[axis])) / grid[axis]
+        for axis in (0, 1)
+    ]
+    finer = int(lod)
+    looked = _bilinear(levels[finer], at[0], at[1])
+    if finer + 1 < len(levels):
+        looked = looked + np.float32(lod - finer) * (_bilinear(levels[finer + 1], at[0], at[1]) - looked)
+    averaged = looked.reshape(size[0], taps[0], size[1], taps[1], -1).mean((1, 3), dtype=np.float32)
+    return np.asarray(averaged, np.float32)
+
+
+def _bilinear(image: NDArray[np.float32], v: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float32]:
+    """(H, W, C) at every combination of coordinates in [0, 1], clamped: (len(v), len(u), C)."""
+    for axis, at in ((0, v), (1, u)):
+        count = image.shape[axis]
+        position = np.clip(at * count - 0.5, 0, count - 1)
+        low = np.minimum(position.astype(np.intp), max(0, count - 2))
+        high = np.minimum(low + 1, count - 1)
+        share = (position - low).astype(np.float32).reshape((-1, 1, 1) if axis == 0 else (1, -1, 1))
+        first = np.take(image, low, axis)
+        image = first + share * (np.take(image, high, axis) - first)
+    return image

@@ -1,0 +1,1 @@
+"""Stacks in glTF documents and GLB files, written and read back."""

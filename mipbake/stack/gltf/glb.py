@@ -1,0 +1,243 @@
+"""Stacks into GLB files: KTX 2 textures with every level, in the document that a set came from or in a document of its
+own."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from mipbake.base import json_text
+from mipbake.base.errors import InputError, OutputError, UsageError
+from mipbake.base.publish import check_place, replaced_file
+from mipbake.base.version import __version__
+from mipbake.material import GLTF_MODELS
+from mipbake.source.decode import resized
+from mipbake.source.gltf.container import unpacked
+from mipbake.source.gltf.document import Document
+from mipbake.source.gltf.materials import GltfBake
+from mipbake.source.gltf.plain import SIDE, PlainTexture
+from mipbake.source.gltf.slots import ANISOTROPIC, BASE, BASE_COLOUR, EMISSIVE, Lobe
+from mipbake.source.images import ktx2
+from mipbake.source.images.blocks import from_blocks
+from mipbake.source.options import CARRIED, SHADING_ROLES
+from mipbake.source.texture_set import TextureSet
+from mipbake.stack.content import Content, Recipe
+from mipbake.stack.gltf.glb_plain import PlainCost, averaged_files
+from mipbake.stack.gltf.quad import QuadOptions, standalone
+from mipbake.stack.gltf.ranges import Ranges, usual_ranges
+from mipbake.stack.gltf.write import GltfResult, rewritten
+from mipbake.stack.gpu_files import KTX2, GpuFile
+from mipbake.stack.map_files import MapFile, quantised_levels, stood_for
+from mipbake.stack.output import GLB, GLB_TEXELS, Output, planned
+from mipbake.stack.packing import Normals
+
+_OUTPUT = Output(f"ktx2:{GLB_TEXELS[0]}", "orm", Normals("opengl"))
+
+
+def _slots(lobe: Lobe) -> dict[str, str]:
+    """File of a stack to the slot that it fills."""
+    return {
+        "base_color": BASE_COLOUR,
+        "orm": lobe.roughness,
+        "normal": lobe.normal,
+        "anisotropy": ANISOTROPIC,
+        "emissive": EMISSIVE,
+    }
+
+
+@dataclass(frozen=True, eq=False)
+class Encoded:
+    """The textures of a stack for a glTF material.
+
+    Args:
+        maps: slot to a KTX 2 file.
+        files: the same decoded, as they will be sampled, before factors of the material multiply them.
+        left_out: which maps of the stack are in no texture, in sentences.
+        ranges: those factors.
+        measured: what the files give back, as `mipbake.Check.glb` tells it; None where that was not measured.
+    """
+
+    maps: Mapping[str, bytes]
+    files: tuple[MapFile, ...]
+    left_out: tuple[str, ...]
+    ranges: Ranges = field(default_factory=Ranges)
+    measured: Mapping[str, Any] | None = None
+
+
+def encoded(
+    stack: Content,
+    slots: Sequence[str] | None = None,
+    levels: int | None = None,
+    progress: Callable[[float], None] = lambda _share: None,
+    lobe: Lobe = BASE,
+    ranges: Ranges | None = None,
+    texels: Mapping[str, str] | None = None,
+) -> Encoded:
+    """The textures of a stack of `gltf` or `gltf-anisotropic`.
+
+    Args:
+        stack: whose sides are multiples of `SIDE`.
+        slots: that may be filled; None for all.
+        levels: how many of each texture; None for all.
+        progress: told the finished share, from 0 to 1.
+        lobe: of the material, whose slots are filled.
+        ranges: of the values in them; None for those that suit most stacks.
+        texels: of files of the stack that shall have others than `uastc`, by name.
+
+    Raises:
+        UsageError: another model, or other sides.
+    """
+    if stack.model not in GLTF_MODELS:
+        raise UsageError(f"format {GLB} cannot hold the model {stack.model}: expected {' or '.join(GLTF_MODELS)}")
+    if ranges is None:
+        ranges = usual_ranges(stack.levels, stack.model)
+
+    def encode(file: MapFile) -> tuple[bytes, MapFile]:
+        container = GpuFile(KTX2, (texels or {}).get(file.layout.name, GLB_TEXELS[0]))
+        texture = container.texture(file.layout, quantised_levels(file), stack.about())
+        data = ktx2.encoded(texture, supercompress=True)
+        found = [level[..., : len(file.layout.channels)] for level in from_blocks(texture)]
+        levels = [stood_for(level, container, file.layout) for level in found]
+        return data, replace(file, container=container, levels=levels)
+
+    wanted = {
+        slot: ranges.stored(file)
+        for file in planned(_OUTPUT, stack, levels)
+        if (slot := _slots(lobe).get(file.layout.name)) is not None
+        and (slots is None or slot in slots)
+        and file.container.texels == GLB_TEXELS[0]
+    }
+    made = {}
+    with ThreadPoolExecutor(max(1, os.cpu_count() or 1)) as pool:
+        for slot, each in zip(wanted, pool.map(encode, wanted.values()), strict=True):
+            made[slot] = each
+            progress(len(made) / len(wanted))
+    files = tuple(file for _, file in made.values())
+    return Encoded({slot: data for slot, (data, _) in made.items()}, files, _left_out(stack, files), ranges)
+
+
+def _left_out(stack: Content, files: Sequence[MapFile]) -> tuple[str, ...]:
+    """What is said of maps that no texture holds. Carried channels are named when they are read."""
+    held = {channel.map for file in files for channel in file.layout.channels}
+    reasons = {"emissive": "it has values above 1, which its textures of 8 bits do not hold"}
+    return tuple(
+        f"the map {role} is not in the GLB: {reasons.get(role, 'glTF has no texture for it')}; write it beside, with "
+        f"--format {GLB},exr"
+        for role in stack.extra
+        if role not in held and not role.startswith(CARRIED)
+    )
+
+
+def output(finer: Sequence[str] = ()) -> Output:
+    """How maps lie in the textures of a GLB. `finer`: texels that they may have in place of blocks."""
+    return replace(_OUTPUT, finer=tuple(finer))
+
+
+def square(stack: Content, made: Encoded, cutoff: float | None) -> bytes:
+    """A GLB of one square with the material of a stack. `cutoff`: what opacity is tested against; None: blended."""
+    with_opacity = "opacity" in stack.extra
+    mode = "OPAQUE" if not with_opacity else "BLEND" if cutoff is None else "MASK"
+    options = QuadOptions(
+        wrap=stack.wrap,
+        occlusion="occlusion" in stack.extra,
+        alpha_mode=mode,
+        alpha_cutoff=0.5 if cutoff is None else cutoff,
+        ranges=made.ranges,
+    )
+    return standalone(stack.name, made.maps, options, _about(stack, made))
+
+
+def _about(stack: Content, made: Encoded) -> dict[str, Any]:
+    """How textures were made, and what they give back, for `asset.extras.mipbake`."""
+    told: dict[str, Any] = json.loads(stack.about())
+    return told if made.measured is None else {**told, "measured": made.measured}
+
+
+def save_document(
+    path: Path,
+    document: Document,
+    results: Sequence[tuple[GltfBake, Content, Encoded]],
+    plain: Sequence[PlainTexture] = (),
+    levels: int | None = None,
+    recipe: Recipe | None = None,
+) -> tuple[PlainCost, ...]:
+    """Writes a GLB of a document with baked textures, over an earlier one of mipbake's alone.
+
+    Args:
+        plain: textures that are averaged, unless blocks cost them too much. levels: how many they get; None for all.
+        recipe: hashes of what it is made from, which `made_from` gives back.
+
+    Returns:
+        What blocks cost the averaged textures.
+
+    Raises:
+        OutputError: the file is somebody else's, or cannot be written.
+    """
+    check_file(path, document.path)
+    averaged = averaged_files(document, plain, levels)
+    costs = tuple(cost for *_, cost in averaged)
+    about = {
+        "version": __version__,
+        "materials": {bake.name: _about(stack, made) for bake, stack, made in results},
+        **({"plain": [str(cost) for cost in costs]} if costs else {}),
+        **({"recipe": dict(recipe)} if recipe else {}),
+    }
+    baked = [GltfResult(bake, made.maps, made.ranges) for bake, _, made in results]
+    shown = [(texture, data) for texture, data, cost in averaged if not cost.stays]
+    replaced_file(path, rewritten(document, baked, about, shown))
+    return costs
+
+
+def check_file(path: Path, *sources: Path) -> None:
+    """OutputError where a GLB cannot be written to a path: its folder does not let it, it is a source, or a file that
+    mipbake did not make. Where it is a link, all of that is about what it leads to, which is what is written."""
+    if not path.exists():
+        check_place(path, lambda _: False)
+        return
+    for source in sources:
+        if source.exists() and path.samefile(source):
+            raise OutputError(f"cannot write {path}: it is the source {source}, choose another output folder")
+    if not path.is_file() or made_from(path) is None:
+        raise OutputError(f"cannot write {path}: it was not made by mipbake, move it or choose another output folder")
+
+
+def made_from(path: Path) -> Mapping[str, Any] | None:
+    """What a GLB of a document says of how it was made; None for a file that mipbake did not make, or for none."""
+    try:
+        content: Any = json_text.parsed(unpacked(path.read_bytes(), str(path)).text)
+        told = content["asset"]["extras"]["mipbake"]
+    except (InputError, OSError, ValueError, KeyError, TypeError):
+        return None
+    return told if isinstance(told, dict) else {}
+
+
+def _multiple(side: int) -> int:
+    return -(-side // SIDE) * SIDE
+
+
+def multiple_of_side(texture_set: TextureSet) -> TextureSet:
+    """A texture set whose sides are multiples of `SIDE`, resampled upwards and noted where they were not.
+
+    Emission, which does not share the texels, is enlarged by whole factors: every texel keeps its value.
+    """
+    width, height = (_multiple(side) for side in (texture_set.width, texture_set.height))
+    maps = dict(texture_set.maps)
+    for role, each in texture_set.maps.items():
+        if role in SHADING_ROLES:
+            maps[role] = resized(each, width, height, texture_set.wrap)
+        elif role == "emissive":
+            rows, columns = (SIDE // math.gcd(SIDE, side) for side in each.pixels.shape[:2])
+            maps[role] = replace(each, pixels=each.pixels.repeat(rows, 0).repeat(columns, 1))
+    if (width, height) == (texture_set.width, texture_set.height):
+        return replace(texture_set, maps=maps)
+    note = (
+        f"resampled from {texture_set.width} x {texture_set.height} to {width} x {height}: textures of a GLB have "
+        f"sides that are multiples of {SIDE}"
+    )
+    return replace(texture_set, maps=maps, width=width, height=height, notes=(*texture_set.notes, note))

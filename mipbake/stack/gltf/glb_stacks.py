@@ -1,0 +1,214 @@
+"""What the textures of a baked GLB hold, read back as stacks: level by level, as an engine samples them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake.base.errors import InputError, UsageError
+from mipbake.base.srgb import srgb_to_linear
+from mipbake.material.aim import sampler_from
+from mipbake.material.pixel_filter import filter_named
+from mipbake.source.gltf.document import Document, Json, member, number, read_document
+from mipbake.source.gltf.images import KTX2, source_of, stored_image
+from mipbake.source.gltf.slots import (
+    ANISOTROPIC,
+    ANISOTROPY,
+    BASE,
+    BASE_COLOUR,
+    COLOUR,
+    PLACES,
+    Lobe,
+    holder_of,
+    info_of,
+    label_of,
+    slot_of,
+)
+from mipbake.source.images import ktx2
+from mipbake.source.images.blocks import from_blocks
+from mipbake.source.jobs import Job
+from mipbake.source.texture_set import TextureSet, source_model
+from mipbake.stack.content import Provenance
+from mipbake.stack.stack import MipStack
+
+Levels = list[NDArray[np.float32]]
+
+
+def stack_in_glb(path: Path, job: Job, texture_set: TextureSet) -> MipStack:
+    """The stack of a texture set that a GLB which was baked from its source really holds.
+
+    Textures are decoded level by level, and factors of the material are applied: what comes is what an engine samples
+    and shades with. The square of a texture set that came from no glTF is read too.
+
+    Args:
+        path: a GLB that `mipbake bake` wrote.
+        job: of the source, from `mipbake.source.intake.jobs`.
+        texture_set: of the job, with sides as `mipbake.stack.gltf.glb.multiple_of_side` makes them.
+
+    Raises:
+        InputError: the GLB is broken, was not made by mipbake, or was made of another source.
+    """
+    made = read_document(path)
+    about = _about(made)
+    if job.bake is None or job.document is None:
+        if "materials" in about:
+            raise InputError(f"{path} was baked from a glTF file: expected that as its source, not {job.source}")
+        return _Reader(made, 0, BASE, None, {}).stack(texture_set, about)
+    index = job.bake.materials[0]
+    if job.bake.name not in about.get("materials", {}) or index >= len(made.all("materials")):
+        raise InputError(
+            f"{path} holds nothing that was baked for {job.bake.name} of {job.source}: expected what `mipbake bake` "
+            "made of it"
+        )
+    before = job.document.all("materials")[index]
+    reader = _Reader(made, index, job.bake.lobe, job.bake.slots, before)
+    return reader.stack(texture_set, about["materials"][job.bake.name])
+
+
+def _about(made: Document) -> dict[str, Any]:
+    """What mipbake wrote into a GLB about its maps."""
+    extras = made.json["asset"].get("extras")
+    about = extras.get("mipbake") if isinstance(extras, dict) else None
+    if not isinstance(about, dict):
+        raise InputError(f"{made.path} was not made by mipbake: expected the GLB that `mipbake bake` wrote")
+    return about
+
+
+@dataclass(frozen=True, eq=False)
+class _Reader:
+    """Reads a lobe of a material.
+
+    Args:
+        made: the baked document. index: of the material in it.
+        slots: those that were baked; None for all.
+        before: the material in the source, whose tint is in no texture set.
+    """
+
+    made: Document
+    index: int
+    lobe: Lobe
+    slots: tuple[str, ...] | None
+    before: Json
+
+    @property
+    def material(self) -> Json:
+        return self.made.one("materials", self.index, "the source")
+
+    @property
+    def where(self) -> str:
+        return label_of(self.index, self.material)
+
+    def stack(self, texture_set: TextureSet, about: Json) -> MipStack:
+        """The stack; what no texture holds is as in the texture set."""
+        normal, packed = self.levels(self.lobe.normal), self.levels(self.lobe.roughness)
+        base = self.levels(BASE_COLOUR) if self.lobe is BASE else None
+        directions = self.levels(ANISOTROPIC) if self.lobe is BASE and texture_set.anisotropic else None
+        chains = [chain for chain in (base, packed, normal, directions) if chain is not None]
+        if not chains:
+            raise InputError(f"{self.made.path}: {self.where} has no texture with levels: expected a baked one")
+        sizes = [level.shape[:2] for level in max(chains, key=lambda chain: chain[0].size)]
+        count = min(map(len, chains))
+        if any([level.shape[:2] for level in chain[:count]] != sizes[:count] for chain in chains):
+            raise InputError(
+                f"{self.made.path}: the textures of {self.where} have different sizes: expected what `mipbake bake` "
+                "wrote"
+            )
+        roughness, metallic = self.factors()
+        levels = []
+        for at, (height, width) in enumerate(sizes[:count]):
+            parts = [
+                _constant(texture_set, "base_color", height, width) if base is None else base[at] * self.tint(),
+                _of(packed, at, slice(2, 3), metallic, (height, width)),
+                _of(packed, at, slice(1, 2), roughness, (height, width)),
+                self.normals(None if normal is None else normal[at], (height, width)),
+            ]
+            if directions is not None:
+                parts.append(self.directions(directions[at]))
+            levels.append(np.ascontiguousarray(np.concatenate(parts, -1), np.float32))
+        model = source_model(directions is not None)
+        return MipStack(texture_set.name, model, levels, {}, texture_set.wrap, self.provenance(about))
+
+    def levels(self, slot: str) -> Levels | None:
+        """(H_L, W_L, 3) in [0, 1], colours linear; None where there is no texture, or one that was not baked."""
+        if info_of(self.material, slot) is None or (self.slots is not None and slot not in self.slots):
+            return None
+        found = slot_of(self.made, self.material, slot, self.where)
+        image = source_of(self.made, found.texture if found else None, slot)
+        data, kind = stored_image(self.made, image, f"{slot} of {self.where}")
+        what = f"{slot} of {self.where} of {self.made.path}"
+        if kind is not KTX2:
+            raise InputError(f"{what} is not a KTX 2 texture: expected levels that `mipbake bake` wrote")
+        texture = ktx2.decoded(data, what)
+        if texture.format.srgb != (PLACES[slot].holds == COLOUR) or texture.format.channels < 3:
+            raise InputError(f"{what} is {texture.format.name}: expected what `mipbake bake` wrote")
+        scale = 1.0 if texture.format.is_float else 255.0
+        texels = (np.asarray(level[..., :3], np.float32) / np.float32(scale) for level in from_blocks(texture))
+        return [np.asarray(srgb_to_linear(each) if texture.format.srgb else each, np.float32) for each in texels]
+
+    def number(self, holder: Json, name: str, default: float, most: float = 1e6) -> float:
+        return number(holder.get(name, default), f"{name} of {self.where}", self.made.path, -most, most)
+
+    def factors(self) -> tuple[float, float]:
+        """The factors of roughness and metallic; a clearcoat has no metallic."""
+        holder = holder_of(self.material, self.lobe.roughness, self.where, self.made)
+        first, *others = (self.number(holder, name, default) for name, default in self.lobe.factors)
+        return first, others[0] if others else 0.0
+
+    def tint(self) -> NDArray[np.float32]:
+        """(3,) factor of the base colour, relative to the factor of the source."""
+        found = [
+            np.array(each.get("pbrMetallicRoughness", {}).get("baseColorFactor", [1, 1, 1, 1])[:3], np.float32)
+            for each in (self.material, self.before)
+        ]
+        return np.where(found[1] > 0, found[0] / np.maximum(found[1], 1e-6), np.float32(1)).astype(np.float32)
+
+    def normals(self, level: NDArray[np.float32] | None, size: tuple[int, int]) -> NDArray[np.float32]:
+        if level is None:
+            return np.broadcast_to(np.array([0, 0, 1], np.float32), (*size, 3))
+        scale = self.number(info_of(self.material, self.lobe.normal) or {}, "scale", 1.0)
+        return np.asarray((level * 2 - 1) * np.array([scale, scale, 1], np.float32))
+
+    def directions(self, level: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Direction and strength, turned and scaled as KHR_materials_anisotropy says."""
+        extensions = member(self.material, "extensions", self.where, self.made.path)
+        held = member(extensions, ANISOTROPY, self.where, self.made.path)
+        angle = self.number(held, "anisotropyRotation", 0.0)
+        c, s = math.cos(angle), math.sin(angle)
+        x, y = (level[..., i : i + 1] * 2 - 1 for i in (0, 1))
+        strength = level[..., 2:3] * self.number(held, "anisotropyStrength", 0.0)
+        return np.concatenate([c * x - s * y, s * x + c * y, strength], -1)
+
+    def provenance(self, about: Json) -> Provenance:
+        try:
+            filter_named(about["pixel_filter"])
+            return Provenance(
+                method=str(about["method"]),
+                pixel_filter=str(about["pixel_filter"]),
+                weights=about.get("weights"),
+                sampler=None if about.get("sampler") is None else sampler_from(about["sampler"]),
+                aim=about.get("aim"),
+                tool_version=str(about.get("version", "")),
+                source_hash=str(about.get("source_hash", "")),
+            )
+        except (KeyError, TypeError, ValueError, UsageError) as error:
+            raise InputError(
+                f"{self.made.path} does not say how its textures were made ({error}): bake it again"
+            ) from error
+
+
+def _constant(texture_set: TextureSet, role: str, height: int, width: int) -> NDArray[np.float32]:
+    """The mean of a map that no texture holds, everywhere."""
+    mean = texture_set.maps[role].pixels.mean((0, 1), np.float64).astype(np.float32)
+    return np.broadcast_to(mean, (height, width, len(mean)))
+
+
+def _of(packed: Levels | None, at: int, channel: slice, factor: float, size: tuple[int, int]) -> NDArray[np.float32]:
+    """A channel of a packed texture times its factor, which is all where there is no texture."""
+    if packed is None:
+        return np.full((*size, 1), factor, np.float32)
+    return np.asarray(packed[at][..., channel] * np.float32(factor))

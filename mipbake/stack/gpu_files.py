@@ -1,0 +1,233 @@
+"""`ktx2` and `dds`: one file for each map with every level, as graphics cards sample it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake.base import disk
+from mipbake.base.errors import InputError, OutputError
+from mipbake.base.version import __version__
+from mipbake.source.images import dds, ktx2
+from mipbake.source.images.blocks import from_blocks, to_blocks, widened
+from mipbake.source.images.file_facts import FileInfo, colour_space, told
+from mipbake.source.images.gpu_format import GPU_FORMATS, GpuFormat, GpuTexture, level_size
+from mipbake.source.images.image_files import ABOUT
+from mipbake.source.images.quantise import dequantised, quantised
+from mipbake.source.images.read_back import Band, whole_levels
+from mipbake.source.layout import ENCODINGS, LOG, FileLayout
+
+_BC = ("BC4_UNORM_BLOCK", "BC5_UNORM_BLOCK", "BC7_UNORM_BLOCK", "BC7_UNORM_BLOCK")
+_FORMATS = {
+    "rgba8": ("R8G8B8A8_UNORM",) * 4,
+    "rgba16f": ("R16G16B16A16_SFLOAT",) * 4,
+    "bc": _BC,
+    "bc1": (*_BC[:2], "BC1_RGB_UNORM_BLOCK", _BC[3]),
+    "uastc": (
+        *("UASTC_RGB_UNORM_BLOCK", "UASTC_RG_UNORM_BLOCK"),
+        *("UASTC_RGB_UNORM_BLOCK", "UASTC_RGBA_UNORM_BLOCK"),
+    ),
+}
+"""The format of a file with one, two, three and four channels, by the name that users give."""
+
+
+_LADDER = ("bc", "rgba8", "rgba16f")
+
+
+@dataclass(frozen=True)
+class GpuContainer:
+    """A kind of file that holds one texture with its levels.
+
+    Args:
+        name: what users call it, and how names of its files end.
+        summary: one line for help texts.
+        texels: what its files may have, the default first.
+        encode: the bytes of a file that holds a texture.
+        decode: the texture that the bytes of a file hold; InputError, which calls the file by the name that is given,
+            where there is none.
+        signature, info, openimageio, tells: see Container.
+        ladder: texels from the smallest to the most precise, to choose from where users name none.
+    """
+
+    name: str
+    summary: str
+    texels: tuple[str, ...]
+    encode: Callable[[GpuTexture], bytes]
+    decode: Callable[[bytes, str], GpuTexture]
+    signature: bytes
+    info: Callable[[Path], FileInfo]
+    openimageio: bool
+    tells: bool
+    ladder: tuple[str, ...] = _LADDER
+
+    def more_precise(self, texels: str) -> str:
+        """What is advised where some texels cost too much: the next ones of this container, or a choice among them."""
+        better = {"bc1": "bc", **dict(zip(self.ladder, self.ladder[1:], strict=False))}
+        if texels in better:
+            return f"{self.name}:{better[texels]}"
+        return "exr:float" if texels == self.ladder[-1] else self.name
+
+
+def _ktx2_info(path: Path) -> FileInfo:
+    """Of files of kinds that are not read, what their header tells."""
+    data = disk.read_bytes(path)
+    if not data.startswith(ktx2.IDENTIFIER):
+        raise InputError(f"{path} is not a KTX 2 file: it does not begin like one; bake or download it again")
+    outline = ktx2.outline(data, str(path))
+    if outline.readable:
+        return _gpu_info(path, "KTX 2", ktx2.stored(data, str(path)))
+    return FileInfo(path, "KTX 2", outline.texels, (), outline.levels, colour_space(outline.srgb), len(data))
+
+
+def _dds_info(path: Path) -> FileInfo:
+    return _gpu_info(path, "DDS (Direct3D 10)", dds.decoded(disk.read_bytes(path), str(path)))
+
+
+def _gpu_info(path: Path, kind: str, texture: GpuTexture | ktx2.StoredTexture) -> FileInfo:
+    values = {key: value.rstrip(b"\0").decode("utf-8", "replace") for key, value in texture.values.items()}
+    made, about = texture.format, told(values.pop(ABOUT, ""))
+    levels = tuple(level_size(texture.width, texture.height, index) for index in range(len(texture.levels)))
+    space = colour_space(made.srgb)
+    return FileInfo(path, kind, made.name, (), levels, space, path.stat().st_size, about, values)
+
+
+KTX2 = GpuContainer(
+    "ktx2",
+    "one KTX 2 file for each map, supercompressed with Zstandard",
+    ("bc", "uastc", "rgba8", "rgba16f"),
+    partial(ktx2.encoded, supercompress=True),
+    ktx2.decoded,
+    ktx2.IDENTIFIER,
+    _ktx2_info,
+    openimageio=False,
+    tells=True,
+)
+DDS = GpuContainer(
+    "dds",
+    "one DDS file for each map, with the header of Direct3D 10",
+    ("bc", "bc1", "rgba8", "rgba16f"),
+    dds.encoded,
+    dds.decoded,
+    dds.MAGIC,
+    _dds_info,
+    openimageio=True,
+    tells=False,
+)
+GPU_CONTAINERS = (KTX2, DDS)
+
+
+class GpuFile:
+    """A KTX 2 or DDS file for each map.
+
+    Args:
+        container: which of the two.
+        texels: "bc": BC4, BC5 and BC7 by the number of channels; "bc1": BC1 in place of BC7 where there is no alpha
+            channel; "uastc"; "rgba8"; "rgba16f", half floats with colours linear Rec.709. Colours are sRGB-encoded in
+            all other formats. One channel fills red, green and blue where a format has more.
+    """
+
+    complete = False
+
+    def __init__(self, container: GpuContainer, texels: str) -> None:
+        self._container = container
+        self.name, self.texels = container.name, texels
+        self.summary, self.ladder = container.summary, container.ladder
+        self.signature, self.info, self.tells = container.signature, container.info, container.tells
+        self.finer = container.more_precise(texels)
+        stored = GPU_FORMATS[_FORMATS[texels][0]]
+        self.openimageio = container.openimageio and not stored.is_float
+        self.exact = stored.side == 1
+        self._kind = "half" if stored.is_float else "8"
+        self.encodings = ENCODINGS if stored.is_float else ENCODINGS - {LOG}
+
+    def gpu_format(self, layout: FileLayout) -> GpuFormat:
+        """What the texels of a file are stored as."""
+        name = _FORMATS[self.texels][len(layout.channels) - 1]
+        if self.srgb(layout):
+            name = name.replace("UNORM", "SRGB")
+        return GPU_FORMATS[name]
+
+    def precision(self, layout: FileLayout) -> str:
+        """See Container."""
+        return self.gpu_format(layout).name
+
+    def srgb(self, layout: FileLayout) -> bool:
+        """See Container. Formats of one and two channels have no sRGB form."""
+        return layout.is_colour and len(layout.channels) >= 3 and self._kind != "half"
+
+    def files(self, layout: FileLayout, levels: int) -> list[str]:
+        """See Container."""
+        del levels
+        return [f"{layout.name}.{self.name}"]
+
+    def quantise(self, values: NDArray[np.float64], layout: FileLayout) -> NDArray[np.generic]:
+        """See Container."""
+        return quantised(values, self._kind, f"the map {layout.name}")
+
+    def dequantise(self, texels: NDArray[np.generic]) -> NDArray[np.floating]:
+        """See Container."""
+        return dequantised(texels)
+
+    def write(
+        self,
+        folder: Path,
+        layout: FileLayout,
+        levels: Sequence[NDArray[np.generic]],
+        wrap: tuple[str, str],
+        about: str,
+    ) -> None:
+        """See Container."""
+        del wrap  # neither container has a place for it; `about` tells
+        texture = self.texture(layout, levels, about)
+        path = folder / self.files(layout, len(levels))[0]
+        path.write_bytes(self._container.encode(texture))
+        found = self._opened(path)
+        if (found.format, found.width, found.height, found.levels) != (
+            *(texture.format, texture.width, texture.height, texture.levels),
+        ):
+            raise OutputError(f"{path} changed while it was written: check the disk")
+
+    def texture(self, layout: FileLayout, levels: Sequence[NDArray[np.generic]], about: str) -> GpuTexture:
+        """The encoded texture of a map, from quantised levels."""
+        made = self.gpu_format(layout)
+        height, width = levels[0].shape[:2]
+        swizzle = {"KTXswizzle": b"rrr1\0"} if len(layout.channels) == 1 else {}
+        values = {
+            "KTXorientation": b"rd\0",
+            "KTXwriter": f"mipbake {__version__}\0".encode(),
+            ABOUT: about.encode() + b"\0",
+            **(swizzle if made.channels == 1 else {}),
+        }
+        return GpuTexture(made, width, height, to_blocks(levels, made), values)
+
+    def read(self, folder: Path, layout: FileLayout, sizes: Sequence[tuple[int, int]]) -> list[NDArray[np.generic]]:
+        """See Container."""
+        path = folder / self.files(layout, len(sizes))[0]
+        texture = self._opened(path)
+        expected = self.gpu_format(layout)
+        found = [level_size(texture.width, texture.height, index)[::-1] for index in range(len(texture.levels))]
+        if texture.format != expected or found != list(sizes):
+            raise InputError(
+                f"{path} has {len(found)} levels of {texture.format.name}, the first {texture.width} x "
+                f"{texture.height}, expected {len(sizes)} of {expected.name}, the first {sizes[0][1]} x {sizes[0][0]}: "
+                "bake it again"
+            )
+        return [level[..., : len(layout.channels)] for level in from_blocks(texture)]
+
+    def bands(self, folder: Path, layout: FileLayout, sizes: Sequence[tuple[int, int]]) -> Iterator[Band]:
+        """See Container: levels as a whole."""
+        return whole_levels(self.read(folder, layout, sizes))
+
+    def decoded(self, layout: FileLayout, levels: Sequence[NDArray[np.generic]]) -> list[NDArray[np.generic]]:
+        """See Container."""
+        if self.exact:
+            return [widened(level, len(layout.channels)) for level in levels]
+        return [level[..., : len(layout.channels)] for level in from_blocks(self.texture(layout, levels, ""))]
+
+    def _opened(self, path: Path) -> GpuTexture:
+        return self._container.decode(disk.read_bytes(path), str(path))
