@@ -27,7 +27,7 @@ from results_sets import bumps, folder_sets
 
 from mipbake.baking.methods import OPTIONS
 from mipbake.baking.neural import Neural
-from mipbake.comparing.candidates import Candidate, bake_all, chosen
+from mipbake.comparing.candidates import bake_all, chosen
 from mipbake.comparing.film_figures import ShownReference, film_figures
 from mipbake.comparing.filming import MOST_PASSES, FilmSettings, Take, taken
 from mipbake.comparing.films import FRAMES, RESOLUTION, standard_films
@@ -35,9 +35,9 @@ from mipbake.comparing.meshes.film import Frames
 from mipbake.comparing.pictures import RenderSettings
 from mipbake.material.aim import sampler_named
 from mipbake.quality.environment import lighting_named
+from mipbake.quality.figures import Candidate
 from mipbake.quality.metrics import check_color_video_vdp, snr_db
 from mipbake.quality.metrics.visible import visible_error
-from mipbake.quality.reference.source import FilteredSource
 from mipbake.source.texture_set import TextureSet
 
 MODEL, FILTER = "gltf", "gaussian"
@@ -92,7 +92,7 @@ def measured(texture_set: TextureSet, lighting: str, work: Path, effort: FilmsEf
         work: a folder for the references of this set.
     """
     started = time.process_time()
-    source = FilteredSource(texture_set.material(MODEL), MODEL, texture_set.wrap, FILTER)
+    source = texture_set.filtered(FILTER)
     height, width = source.stored.shape[:2]
     resolution = effort.height, effort.height * RESOLUTION[1] // RESOLUTION[0]
     films = []

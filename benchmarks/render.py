@@ -29,9 +29,9 @@ def main() -> None:
     from mipbake import _native, raster, sampling, shading
     from mipbake.comparing.meshes import mesh_render, shapes
     from mipbake.comparing.meshes.camera import orbit
+    from mipbake.material.filtered_source import FilteredSource
     from mipbake.material.pixel_filter import filtered_levels
     from mipbake.quality import environment
-    from mipbake.quality.reference.source import FilteredSource
 
     _native.set_num_threads(options.threads)
     rng = np.random.default_rng(0)

@@ -30,13 +30,12 @@ from mipbake.baking.bake import DEFAULT_FILTER
 from mipbake.baking.search.methods import REFINE_SECONDS
 from mipbake.comparing.candidates import closed_forms, label
 from mipbake.comparing.pictures import RenderSettings, render_view
-from mipbake.comparing.result import SCALES
 from mipbake.comparing.scenes import standard_views
 from mipbake.comparing.validate import DEFAULT_LODS
 from mipbake.material import GLTF_MODELS, MODELS
 from mipbake.material.pixel_filter import FILTERS
 from mipbake.quality import environment, texture_space
-from mipbake.quality.reference.source import FilteredSource
+from mipbake.quality.figures import SCALES
 
 EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
 FOUR = tuple(label(method, kernel) for method in ("linear", "lean") for kernel in ("box", DEFAULT_FILTER))
@@ -108,7 +107,7 @@ def measured(plan: Plan, effort: ResultsEffort) -> dict[str, Any]:
     with bakes(source, plan.methods) as baked:
         candidates = [each.candidate for each in baked]
         found = texture_space.measure(
-            source, candidates, plan.pixel_filter, DEFAULT_LODS, plan.in_texture_space,
+            source.filtered(plan.pixel_filter), candidates, DEFAULT_LODS, plan.in_texture_space,
             texture_space.MeasureEffort(points=effort.points, samples=effort.samples),
         )  # fmt: skip
         figures, scenes = _spheres(source, baked, plan, effort)
@@ -130,11 +129,10 @@ def _spheres(
     """Every measure of renders but flicker, which texture space measures without a camera's noise."""
     if not plan.scales:
         return [], []
-    last = int(texture_space.last_lod(source))
+    last = int(texture_space.last_lod((source.height, source.width)))
     square = (effort.side, effort.side)
     views = standard_views((source.height, source.width), environment.studio(), last, square)
-    model = source.source_model
-    filtered = FilteredSource(source.material(model), model, source.wrap, plan.pixel_filter)
+    filtered = source.filtered(plan.pixel_filter)
     figures, scenes = [], []
     for view in views:
         if view.view != "sphere" or view.scale not in plan.scales:

@@ -25,9 +25,9 @@ from mipnet_network import register
 
 from mipbake.baking.methods import METHODS, OPTIONS, method_named
 from mipbake.base.errors import UsageError
-from mipbake.comparing.candidates import Candidate, chosen
-from mipbake.comparing.result import Method
+from mipbake.comparing.candidates import chosen
 from mipbake.models.registry import WEIGHTS_FOLDER, WeightsInfo, default_weights, find_weights, list_weights
+from mipbake.quality.figures import Candidate, Method
 from mipbake.source.texture_set import TextureSet
 
 

@@ -25,7 +25,6 @@ from timing import cpu_name
 
 import mipbake
 from mipbake import MipStack, TextureSet
-from mipbake.comparing.candidates import opened
 from mipbake.source.images import uastc
 from mipbake.stack.compression import chosen, losses
 from mipbake.stack.containers import Container
@@ -36,6 +35,7 @@ from mipbake.stack.gpu_files import KTX2, GpuFile
 from mipbake.stack.map_files import MapFile, quantised_levels, stood_for
 from mipbake.stack.output import GLB_TEXELS
 from mipbake.stack.ranges import chosen_ranges
+from mipbake.stack.written import opened
 
 Loss = Mapping[str, float]
 Levels = list[NDArray[np.float32]]

@@ -32,11 +32,12 @@ from mipbake.comparing.page import check_report, write_report
 from mipbake.comparing.page.verdict import verdict
 from mipbake.comparing.page.writing import PAGE
 from mipbake.comparing.pictures import MAX_PASSES
-from mipbake.comparing.result import SCALES, Comparison
+from mipbake.comparing.result import Comparison
 from mipbake.comparing.scenes import SPHERE_RESOLUTION
 from mipbake.comparing.viewer import Source
 from mipbake.material.aim import DEFAULT_AIM
 from mipbake.quality.environment import ENVIRONMENTS, lighting_named
+from mipbake.quality.figures import SCALES
 from mipbake.quality.metrics import MEASURES, PAIR_SETS
 from mipbake.quality.samplers import RENDER_SAMPLERS, render_sampler
 from mipbake.quality.texture_space import DEFAULT_POINTS, DEFAULT_SAMPLES, DEFAULT_SEED

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import mipbake
 from mipbake.baking.methods import METHODS
-from mipbake.comparing.result import SCALES
 from mipbake.comparing.validate import BAKED
+from mipbake.quality.figures import SCALES
 from mipbake.quality.metrics import PAIR_SETS
 
 ROOT = Path(__file__).resolve().parent.parent

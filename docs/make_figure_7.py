@@ -30,14 +30,13 @@ import mipbake
 from mipbake.baking.bake import DEFAULT_FILTER
 from mipbake.baking.methods import METHODS
 from mipbake.base.errors import UsageError
-from mipbake.comparing.candidates import Candidate
 from mipbake.comparing.pictures import RenderSettings, render_view
-from mipbake.comparing.result import Method
 from mipbake.comparing.scenes import standard_views
+from mipbake.material.filtered_source import FilteredSource
 from mipbake.material.pixel_filter import level_sizes
 from mipbake.models.registry import default_weights, list_weights, load_network
 from mipbake.quality import environment
-from mipbake.quality.reference.source import FilteredSource
+from mipbake.quality.figures import Candidate, Method
 from mipbake.source.texture_set import TextureSet
 
 PAGE = Path(__file__).resolve().parent / "figure-7.md"

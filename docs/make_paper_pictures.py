@@ -28,15 +28,15 @@ import mipbake
 from mipbake.baking.bake import DEFAULT_FILTER
 from mipbake.baking.methods import METHODS
 from mipbake.comparing import plots
-from mipbake.comparing.candidates import Candidate
 from mipbake.comparing.pictures import RenderSettings, render_view
-from mipbake.comparing.result import Method, Plot
+from mipbake.comparing.result import Plot
 from mipbake.comparing.scenes import View, standard_views
+from mipbake.material.filtered_source import FilteredSource
 from mipbake.material.pixel_filter import level_sizes
 from mipbake.models.registry import WEIGHTS_FOLDER, find_weights, list_weights, load_network
 from mipbake.quality import environment
+from mipbake.quality.figures import Candidate, Method
 from mipbake.quality.metrics.images import displayed
-from mipbake.quality.reference.source import FilteredSource
 from mipbake.shading import shade
 from mipbake.training.augmentation import augment, mix
 

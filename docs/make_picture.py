@@ -18,8 +18,8 @@ import numpy as np
 import pictures
 from PIL import Image
 
-from mipbake.comparing.result import SCALES
 from mipbake.quality import environment
+from mipbake.quality.figures import SCALES
 from mipbake.quality.metrics import snr_db
 
 GAP, HEAD, NAME, FIGURE = 10, 44, 27, 21  # pixels: between spheres, and of the lines of words

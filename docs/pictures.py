@@ -17,7 +17,6 @@ from mipbake.comparing.meshes.mesh_render import Frame, Passes, Reference
 from mipbake.comparing.scenes import View, standard_views
 from mipbake.quality import environment
 from mipbake.quality.metrics.images import displayed
-from mipbake.quality.reference.source import FilteredSource
 from mipbake.source.texture_set import TextureSet
 from mipbake.stack.stack import MipStack
 
@@ -73,9 +72,8 @@ def render(folder: Path, view: View, passes: int, resolved_share: float = 0.1) -
         name: mesh_render.candidate(view.shot, stack.levels, stack.model, texture_set.wrap)
         for name, stack in stacks.items()
     }
-    model = texture_set.source_model
     kernel = stacks[BAKED].provenance.pixel_filter
-    source = FilteredSource(texture_set.material(model), model, texture_set.wrap, kernel)
+    source = texture_set.filtered(kernel)
     wanted = Passes(resolved_share, min(32, passes), passes)
     reference = mesh_render.reference(view.shot, source, 0, list(frames.values()), wanted)
     return frames, reference

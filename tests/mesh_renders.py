@@ -12,9 +12,9 @@ from mipbake.comparing.meshes import mesh_render
 from mipbake.comparing.meshes.camera import Camera
 from mipbake.comparing.meshes.mesh import Mesh
 from mipbake.comparing.meshes.mesh_render import Frame, Passes, Reference, Shot
+from mipbake.material.filtered_source import FilteredSource
 from mipbake.material.pixel_filter import Wrap
 from mipbake.quality.environment import Lighting
-from mipbake.quality.reference.source import FilteredSource
 
 Image = NDArray[np.float32]
 

@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from mipbake.comparing.result import SCALES, Comparison, Figure, Filmed, FilmedScene, Method, Plot, Rendered, Scene
+from mipbake.comparing.result import Comparison, Filmed, FilmedScene, Plot, Rendered, Scene
 from mipbake.comparing.viewer import Source
+from mipbake.quality.figures import SCALES, Figure, Method
 from mipbake.stack.stack import MipStack
 
 from .viewer_scenes import material, stack_of

@@ -31,6 +31,7 @@ from mipbake.baking.search.regions import timed_regions
 from mipbake.baking.search.settling import settle
 from mipbake.baking.search.sitting import Sitting
 from mipbake.base.errors import UsageError
+from mipbake.material.filtered_source import FilteredSource
 from mipbake.models import list_weights
 from mipbake.quality.judging.judge import Asked, Judge
 from mipbake.quality.judging.probes import ProbeEffort
@@ -40,7 +41,6 @@ from mipbake.quality.metrics import PAIR_SETS, pair_set, snr_db
 from mipbake.quality.reference.estimate import reference
 from mipbake.quality.reference.problem import Problem
 from mipbake.quality.reference.sequences import random_points
-from mipbake.quality.reference.source import FilteredSource
 from mipbake.quality.round_lookups import candidate
 from mipbake.quality.small_pictures import PIXELS
 from mipbake.sampling.adjoint import scatter_linear

@@ -10,22 +10,13 @@ import pytest
 import mipbake
 from mipbake import OutputError, TextureSet, UsageError
 from mipbake.baking.methods import METHODS
-from mipbake.comparing.candidates import (
-    BAKED,
-    bake_all,
-    check_asked,
-    chosen,
-    closed_forms,
-    default_names,
-    label,
-    mismatch,
-    opened,
-)
+from mipbake.comparing.candidates import bake_all, check_asked, chosen, closed_forms, default_names, label, mismatch
 from mipbake.comparing.cautions import limits, made_for_others
-from mipbake.comparing.result import Method
 from mipbake.material.aim import ANISOTROPIC, Sampler
+from mipbake.quality.figures import Method
 from mipbake.quality.samplers import render_sampler
 from mipbake.quality.texture_space import MeasureEffort, measure
+from mipbake.stack.written import BAKED, opened
 
 from .no_default_weights import hide_defaults
 
@@ -91,7 +82,9 @@ def test_levels_in_files_measure_like_levels_in_memory(tmp_path: Path) -> None:
             assert all(np.array_equal(a, b) for a, b in zip(candidates[1].levels, expected, strict=True))
             assert all(each.method.seconds and each.method.seconds > 0 for each in candidates)
             figures.append(
-                measure(texture_set, candidates, "gaussian", (0, 2), (), MeasureEffort(points=64, samples=4)).curve
+                measure(
+                    texture_set.filtered("gaussian"), candidates, (0, 2), (), MeasureEffort(points=64, samples=4)
+                ).curve
             )
     assert figures[0] == figures[1]
     assert not any(tmp_path.iterdir())

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from mipbake import UsageError
 from mipbake.comparing.conditions import EXAMPLE, GRAMMAR, Condition, parse
-from mipbake.comparing.result import SCALES, Comparison, Figure, Method
+from mipbake.comparing.result import Comparison
+from mipbake.quality.figures import SCALES, Figure, Method
 
 NAN = math.nan
 

@@ -15,20 +15,19 @@ from mipbake import shading
 from mipbake.baking.methods import METHODS
 from mipbake.base.errors import InputError, UsageError
 from mipbake.comparing import pictures
-from mipbake.comparing.candidates import Candidate
 from mipbake.comparing.meshes import shapes
 from mipbake.comparing.meshes.mesh import Mesh
 from mipbake.comparing.pictures import SHIFT, RenderedView, RenderSettings, render_view
 from mipbake.comparing.plots import apparent_brdf, half_pixel_shift, temporal_slice
-from mipbake.comparing.result import Method
 from mipbake.comparing.scenes import EXPOSURE, View, median_lod, mesh_views, shifted, standard_views
 from mipbake.comparing.turning import Turning
 from mipbake.material.aim import ANISOTROPIC, TRILINEAR
+from mipbake.material.filtered_source import FilteredSource
 from mipbake.material.pixel_filter import level_sizes
 from mipbake.quality.environment import directional
+from mipbake.quality.figures import Candidate, Method
 from mipbake.quality.metrics import MEASURES, srgb_encode
 from mipbake.quality.metrics.images import displayed
-from mipbake.quality.reference.source import FilteredSource
 from mipbake.quality.samplers import render_sampler
 
 from .mesh_renders import candidate, reference

@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 
 from mipbake import TextureSet, UsageError, shading
-from mipbake.comparing.candidates import Candidate, bake_all
-from mipbake.comparing.result import Figure, Method
+from mipbake.comparing.candidates import bake_all
+from mipbake.quality.figures import Candidate, Figure, Method
 from mipbake.quality.metrics import MEASURES, PAIR_SETS, snr_from_sums, snr_interval, snr_sums, tonemapped_error
 from mipbake.quality.reference.estimate import reference
 from mipbake.quality.reference.pair_sets import weighted_pair_set
 from mipbake.quality.reference.sequences import random_points
-from mipbake.quality.reference.source import FilteredSource
 from mipbake.quality.round_lookups import candidate
 from mipbake.quality.texture_space import MeasureEffort, TextureSpace, curve_lods, measure, scale_lods
 
@@ -43,7 +42,7 @@ def measured(
     with bake_all(texture_set, "gltf", pixel_filter, names) as candidates:
         numbers = "seed", "points", "samples", "changes"
         effort = MeasureEffort(**{name: settings.pop(name) for name in numbers if name in settings})
-        return measure(texture_set, candidates, pixel_filter, effort=effort, **settings)
+        return measure(texture_set.filtered(pixel_filter), candidates, effort=effort, **settings)
 
 
 def figure(found: TextureSpace, method: str, measure_name: str, view: str, scale: str) -> Figure:
@@ -56,10 +55,10 @@ def figure(found: TextureSpace, method: str, measure_name: str, view: str, scale
 def test_the_snr_is_that_of_the_metrics_for_the_same_renders() -> None:
     """Every block of 64 pairs has points of its own, and all blocks count in one figure."""
     texture_set = bumpy(32)
-    source = FilteredSource(texture_set.material("gltf"), "gltf", texture_set.wrap, "tent")
+    source = texture_set.filtered("tent")
     sets = {name: weighted_pair_set(name, 3, source.stored, "gltf") for name in PAIR_SETS}
     with bake_all(texture_set, "gltf", "tent", ["lean (tent)", "linear (box)"]) as candidates:
-        found = measure(texture_set, candidates, "tent", (1.5, 0.25), (), MeasureEffort(3, 160, 8))
+        found = measure(source, candidates, (1.5, 0.25), (), MeasureEffort(3, 160, 8))
         for index, lod in enumerate((1.5, 0.25)):
             lit = {}
             for name in PAIR_SETS:
@@ -128,7 +127,9 @@ def test_a_blurred_stack_flickers_less_and_an_unfiltered_one_more() -> None:
             Candidate(Method("picked", "linear", "box", "gltf"), [np.ascontiguousarray(level) for level in picked]),
         ]
         # With fewer samples the noise of the reference drowns what half a pixel changes there.
-        found = measure(texture_set, more, "gaussian", (0,), ("middle",), MeasureEffort(points=2048, samples=128))
+        found = measure(
+            texture_set.filtered("gaussian"), more, (0,), ("middle",), MeasureEffort(points=2048, samples=128)
+        )
     for view in PAIR_SETS:
         flicker = [figure(found, each.name, "flicker", view, "middle").value for each in more]
         assert flicker[1] < 1e-3 < flicker[0] < flicker[2]
@@ -149,7 +150,7 @@ def test_nothing_flickers_on_a_constant_material() -> None:
 def test_the_tonemapped_error_is_that_of_the_metrics() -> None:
     source, other = flat(4, 4, 0.5), flat(4, 4, 0.2)
     wrong = Candidate(Method("wrong", "linear", "box", "gltf"), [other.material("gltf")])
-    found = measure(source, [wrong], "gaussian", (0,), ("near",), MeasureEffort(points=8, samples=16))
+    found = measure(source.filtered("gaussian"), [wrong], (0,), ("near",), MeasureEffort(points=8, samples=16))
     for view in PAIR_SETS:
         pairs = weighted_pair_set(view, 0, source.material("gltf"), "gltf")
         p, r = (
@@ -189,12 +190,12 @@ def test_every_level_of_detail_counts_alike_in_the_flicker_of_a_scale() -> None:
 
 
 def test_curves_run_to_the_far_scale_or_to_the_last_level() -> None:
-    assert curve_lods(flat(2, 1024)) == tuple(n / 4 for n in range(29))
-    assert curve_lods(flat(3, 5)) == (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0)
-    assert curve_lods(flat(1, 1)) == (0.0,)
-    assert [scale_lods(flat(3, 5), scale) for scale in ("near", "middle", "far")] == [(0.0,), (2.0,), (2.0,)]
-    assert scale_lods(flat(64, 64), "1:1") == (0.0, 0.25, 0.5, 0.75, 1.0)
-    assert scale_lods(flat(1, 1), "1:1") == (0.0,)
+    assert curve_lods((2, 1024)) == tuple(n / 4 for n in range(29))
+    assert curve_lods((3, 5)) == (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0)
+    assert curve_lods((1, 1)) == (0.0,)
+    assert [scale_lods((3, 5), scale) for scale in ("near", "middle", "far")] == [(0.0,), (2.0,), (2.0,)]
+    assert scale_lods((64, 64), "1:1") == (0.0, 0.25, 0.5, 0.75, 1.0)
+    assert scale_lods((1, 1), "1:1") == (0.0,)
 
 
 def test_levels_beyond_the_last_are_measured_there_once_and_said() -> None:

@@ -11,11 +11,11 @@ import torch
 from mipbake import material
 from mipbake.baking.methods import METHODS
 from mipbake.material import directions
+from mipbake.material.filtered_source import FilteredSource
 from mipbake.material.pixel_filter import filtered_levels
 from mipbake.models import parameters
 from mipbake.quality.metrics.pairs import pair_set
 from mipbake.quality.reference.estimate import reference
-from mipbake.quality.reference.source import FilteredSource
 from mipbake.quality.round_lookups import candidate
 from mipbake.source.texture_set import TextureSet
 

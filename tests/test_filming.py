@@ -16,8 +16,9 @@ from mipbake.comparing.films import FilmScene
 from mipbake.comparing.meshes import shapes
 from mipbake.comparing.meshes.film import film_candidate
 from mipbake.comparing.pictures import RenderSettings
-from mipbake.comparing.result import Figure, Filmed
+from mipbake.comparing.result import Filmed
 from mipbake.material.aim import Sampler
+from mipbake.quality.figures import Figure
 from mipbake.quality.metrics import MEASURES, displayed
 
 from .test_compare_renders import LIGHTS, baked, bumpy, constant, filtered

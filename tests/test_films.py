@@ -17,9 +17,9 @@ from mipbake.comparing.meshes import shapes
 from mipbake.comparing.meshes.film import Film, FilmReference, FilmSampling, film_candidate, film_reference
 from mipbake.comparing.meshes.mesh_render import Cache, candidate
 from mipbake.material.aim import Sampler
+from mipbake.material.filtered_source import FilteredSource
 from mipbake.material.pixel_filter import level_sizes
 from mipbake.quality.environment import directional
-from mipbake.quality.reference.source import FilteredSource
 from mipbake.quality.samplers import jitter
 
 WRAP = ("wrap", "wrap")

@@ -10,9 +10,8 @@ import pytest
 from mipbake.baking.search.lookups import Lookups
 from mipbake.baking.search.pixel_samples import Chunk, common_pairs, estimates
 from mipbake.baking.search.rounds import Drawn, gradients_of
-from mipbake.comparing.candidates import Candidate
-from mipbake.comparing.result import Method
 from mipbake.material.aim import TRILINEAR, Sampler
+from mipbake.quality.figures import Candidate, Method
 from mipbake.quality.judging.probes import ProbeEffort
 from mipbake.quality.judging.scores import Scores
 from mipbake.quality.metrics.pairs import LightViewPairs
@@ -125,7 +124,7 @@ def test_a_bias_is_a_stack_whose_levels_are_shifted() -> None:
     effort = MeasureEffort(points=256, samples=4, intervals=False)
 
     def snr(stack: list[np.ndarray], sampler: Sampler) -> list[float]:
-        given = texture_set, [Candidate(method, stack)], "gaussian", [2.0], (), effort
+        given = texture_set.filtered("gaussian"), [Candidate(method, stack)], [2.0], (), effort
         return [figure.value for figure in measure(*given, sampler=sampler).curve]
 
     shifted = [levels[0], levels[0], levels[1], *levels[3:]]

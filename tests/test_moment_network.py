@@ -13,6 +13,7 @@ from mipbake.baking.rules.unreal import UNREAL
 from mipbake.base.errors import UsageError
 from mipbake.material import MODELS, Kind, convert, directions
 from mipbake.material.aim import Sampler
+from mipbake.material.filtered_source import FilteredSource
 from mipbake.material.pixel_filter import FILTERS, Wrap, filtered_levels, level_sizes
 from mipbake.models.level_filter import width_of
 from mipbake.models.lookup_kernel import periodic_levels, periodic_matrices, sharpened, sharpening
@@ -22,7 +23,6 @@ from mipbake.models.moment_network import MomentNetwork
 from mipbake.quality.metrics import PAIR_SETS, pair_set, snr_db
 from mipbake.quality.reference.estimate import reference
 from mipbake.quality.reference.sequences import random_points
-from mipbake.quality.reference.source import FilteredSource
 from mipbake.quality.round_lookups import candidate
 
 from .moment_cases import ANISOTROPIC, READ, SMALL, TORUS, bumpy, config_of, of_model, trained_like

@@ -10,11 +10,11 @@ import pytest
 from mipbake import material
 from mipbake.baking.methods import METHODS, method_named
 from mipbake.base.errors import UsageError
+from mipbake.material.filtered_source import FilteredSource
 from mipbake.material.pixel_filter import FILTERS, level_sizes
 from mipbake.models import list_weights
 from mipbake.quality.metrics.pairs import pair_set
 from mipbake.quality.reference.estimate import bilinear, reference
-from mipbake.quality.reference.source import FilteredSource
 from mipbake.shading import shade
 
 from .no_default_weights import hide_defaults

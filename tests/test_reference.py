@@ -9,13 +9,13 @@ import pytest
 from numpy.typing import NDArray
 
 from mipbake import sampling, shading
+from mipbake.material.filtered_source import FilteredSource
 from mipbake.material.pixel_filter import FILTERS
 from mipbake.quality.metrics.pairs import LightViewPairs, cosine_directions, near_mirror_lights
 from mipbake.quality.reference.estimate import estimate, reference
 from mipbake.quality.reference.lighting import GroupPairs, Illumination, PixelPairs, common_pairs
 from mipbake.quality.reference.samples import Pixels
 from mipbake.quality.reference.sequences import random_points
-from mipbake.quality.reference.source import FilteredSource
 
 from .stacks import gltf_level
 

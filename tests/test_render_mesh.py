@@ -17,12 +17,12 @@ from mipbake.comparing.meshes.mesh_render import Frame
 from mipbake.comparing.meshes.tangents import with_tangents
 from mipbake.comparing.meshes.visible import Surface
 from mipbake.material.aim import ANISOTROPIC
+from mipbake.material.filtered_source import FilteredSource
 from mipbake.quality import environment
 from mipbake.quality import round_lookups as texture_space
 from mipbake.quality.environment import directional
 from mipbake.quality.metrics.pairs import LightViewPairs
 from mipbake.quality.reference.estimate import reference as filtered
-from mipbake.quality.reference.source import FilteredSource
 from mipbake.quality.samplers import level_of_detail
 from mipbake.shading import reference as shading_reference
 

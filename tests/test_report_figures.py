@@ -17,7 +17,8 @@ from mipbake.comparing.page.pictures import displayed_bytes, heat, ramp
 from mipbake.comparing.page.scenes import flip_top
 from mipbake.comparing.page.tables import measure_tables, number, verdict_table
 from mipbake.comparing.page.verdict import best_in_renders, difference, verdict
-from mipbake.comparing.result import SNR_GAIN, Comparison, Figure, Method
+from mipbake.comparing.result import Comparison
+from mipbake.quality.figures import SNR_GAIN, Figure, Method
 
 from .report_cases import NAMES, Page, made_up, method
 

@@ -16,7 +16,8 @@ from mipbake.comparing.page.films import film_names
 from mipbake.comparing.page.seen import VISIBLE_JOD, seen
 from mipbake.comparing.page.tables import films_table, number
 from mipbake.comparing.page.verdict import verdict
-from mipbake.comparing.result import Comparison, Figure
+from mipbake.comparing.result import Comparison
+from mipbake.quality.figures import Figure
 
 from .report_cases import NAMES, Page, film_figures, film_grey, filmed, made_up
 

@@ -20,10 +20,11 @@ from mipbake.comparing.page.pictures import heat
 from mipbake.comparing.page.plain import plain
 from mipbake.comparing.page.scenes import flip_top
 from mipbake.comparing.page.texels import WINDOW, Window, cropped, view, view_names, window_side
-from mipbake.comparing.result import Comparison, Method
+from mipbake.comparing.result import Comparison
 from mipbake.comparing.viewer import Source
 from mipbake.material import MODELS
 from mipbake.material.pixel_filter import level_sizes
+from mipbake.quality.figures import Method
 from mipbake.stack.stack import MipStack
 
 from .report_cases import NAMES, Page, made_up, made_up_stacks

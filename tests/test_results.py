@@ -83,7 +83,9 @@ def test_a_set_is_measured_as_validation_does(module: Callable[[str], ModuleType
     found = measure.measured(measure.Plan("bumpy", lambda: texture_set, wanted, ("near",), ("near",)), effort)
     with bake_all(texture_set, "gltf", DEFAULT_FILTER, names) as candidates:
         drawn = texture_space.MeasureEffort(points=64, samples=4)
-        expected = texture_space.measure(texture_set, candidates, DEFAULT_FILTER, DEFAULT_LODS, ("near",), drawn)
+        expected = texture_space.measure(
+            texture_set.filtered(DEFAULT_FILTER), candidates, DEFAULT_LODS, ("near",), drawn
+        )
     assert [(f["method"], f["lod"], f["value"]) for f in found["curve"]] == [
         (f.method, f.lod, f.value) for f in expected.curve
     ]

@@ -7,12 +7,12 @@ import pytest
 
 from mipbake import sampling
 from mipbake.material.aim import ANISOTROPIC, TRILINEAR, Sampler
+from mipbake.material.filtered_source import FilteredSource
 from mipbake.material.pixel_filter import FILTERS
 from mipbake.quality.environment import Lighting, studio
 from mipbake.quality.judging.shown import KINDS_SHOWN, draw_shown
 from mipbake.quality.metrics.visible import SIDE, VisibleError, bands
 from mipbake.quality.reference.problem import Problem, whole
-from mipbake.quality.reference.source import FilteredSource
 from mipbake.quality.samplers import look_up
 from mipbake.quality.small_pictures import (
     PIXELS,

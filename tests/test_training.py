@@ -14,10 +14,10 @@ import torch
 
 from mipbake.base.errors import InputError, UsageError
 from mipbake.material import GGX_LOBE, MIN_ROUGHNESS, MODELS, Kind, convert, tensor_exp
+from mipbake.material.filtered_source import FilteredSource
 from mipbake.models.latent_config import LatentConfig
 from mipbake.quality.metrics import pair_set
 from mipbake.quality.reference.estimate import reference
-from mipbake.quality.reference.source import FilteredSource
 from mipbake.shading.ops import shade
 from mipbake.training import augmentation, data, loss
 from mipbake.training.batches import draw_batch

@@ -11,6 +11,7 @@ import torch
 import mipbake.training
 from mipbake.base.errors import UsageError
 from mipbake.material import convert
+from mipbake.material.filtered_source import FilteredSource
 from mipbake.material.pixel_filter import FILTERS
 from mipbake.models import registry
 from mipbake.models.moment_config import MADE
@@ -18,7 +19,6 @@ from mipbake.models.moment_network import MomentNetwork
 from mipbake.quality.metrics import LightViewPairs
 from mipbake.quality.metrics.pairs import cosine_directions, near_mirror_lights
 from mipbake.quality.reference.estimate import reference
-from mipbake.quality.reference.source import FilteredSource
 from mipbake.training import batches, loop
 from mipbake.training.balanced_loss import (
     BANDS,

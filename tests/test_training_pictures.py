@@ -12,10 +12,10 @@ from safetensors.torch import save_file
 
 from mipbake.base.errors import InputError, UsageError
 from mipbake.material.aim import ANISOTROPIC, TRILINEAR, Sampler
+from mipbake.material.filtered_source import FilteredSource
 from mipbake.models.moment_config import FEATURES
 from mipbake.quality.metrics.images import tonemapped
 from mipbake.quality.metrics.visible import SIDE, WEIGHT, bands
-from mipbake.quality.reference.source import FilteredSource
 from mipbake.shading import shade
 from mipbake.training import batches, loop
 from mipbake.training.balanced_loss import OTHER_SAMPLERS, BalancedBatch, BalancedLossConfig

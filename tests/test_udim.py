@@ -16,7 +16,8 @@ from mipbake.material.fill import fill
 from mipbake.material.pixel_filter import filter_named, level_sizes
 from mipbake.source.texture_set import LoadOptions, TextureSet
 from mipbake.source.tiles import place, tile_options, tiles_of
-from mipbake.source.udim import Mosaic, islands, joined, mosaics, split
+from mipbake.source.udim import Mosaic, islands, joined, mosaics
+from mipbake.stack.split_tiles import split
 from mipbake.stack.stack import MipStack
 
 from .input_files import bytes_of, encoded, height_field, pixels_for, write_image

@@ -9,11 +9,11 @@ import mipbake
 from mipbake import TextureSet
 from mipbake.base.errors import UsageError
 from mipbake.comparing.validate import BAKED
+from mipbake.material.filtered_source import FilteredSource
 from mipbake.quality.metrics import pair_set, snr_db
 from mipbake.quality.reference.estimate import reference
 from mipbake.quality.reference.pair_sets import weighted_pair_set
 from mipbake.quality.reference.sequences import random_points
-from mipbake.quality.reference.source import FilteredSource
 from mipbake.quality.round_lookups import candidate
 
 

@@ -24,12 +24,12 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from mipbake.material.aim import ANISOTROPIC, DEFAULT_SAMPLER, FRAMES, LOOKUPS, TRILINEAR, Sampler
+from mipbake.material.filtered_source import FilteredSource
 from mipbake.material.pixel_filter import FILTERS, filter_named, slanted_axes
 from mipbake.models.base import Network
 from mipbake.quality.reference.estimate import estimate
 from mipbake.quality.reference.lighting import GroupPairs
 from mipbake.quality.reference.samples import Pixels
-from mipbake.quality.reference.source import FilteredSource
 from mipbake.quality.samplers import frames_at
 from mipbake.sampling import texture
 from mipbake.shading.ops import shade

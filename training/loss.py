@@ -20,13 +20,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from mipbake.material.filtered_source import FilteredSource
 from mipbake.material.pixel_filter import filter_named
 from mipbake.models.base import Network
 from mipbake.quality.metrics.pairs import cosine_directions, near_mirror_lights
 from mipbake.quality.reference.estimate import estimate
 from mipbake.quality.reference.lighting import GroupPairs
 from mipbake.quality.reference.samples import Pixels
-from mipbake.quality.reference.source import FilteredSource
 from mipbake.sampling import texture
 from mipbake.shading.ops import shade
 from mipbake.training.base import TORUS, Batch, Loss

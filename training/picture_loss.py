@@ -25,11 +25,11 @@ from torch import Tensor
 
 from mipbake.material import regularise
 from mipbake.material.aim import Sampler
+from mipbake.material.filtered_source import FilteredSource
 from mipbake.material.pixel_filter import resample
 from mipbake.quality.environment import ENVIRONMENTS, Lighting
 from mipbake.quality.metrics.images import tonemapped
 from mipbake.quality.metrics.visible import COSINES, OPPONENT, SENSITIVITY, SIDE, WEIGHT, adaptation, bands
-from mipbake.quality.reference.source import FilteredSource
 from mipbake.quality.small_pictures import MEDIAN, SLANTS, draw_small_pictures
 from mipbake.sampling import texture
 from mipbake.shading.ops import shade

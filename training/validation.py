@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from mipbake import material
 from mipbake.baking.rules.linear import Linear
 from mipbake.base.publish import writing
+from mipbake.material.filtered_source import FilteredSource
 from mipbake.material.pixel_filter import Wrap
 from mipbake.models.architecture import Architecture
 from mipbake.models.base import Network
@@ -25,7 +26,6 @@ from mipbake.quality.metrics.pairs import WeightedPairs
 from mipbake.quality.reference.estimate import reference
 from mipbake.quality.reference.pair_sets import weighted_pair_set
 from mipbake.quality.reference.sequences import random_points
-from mipbake.quality.reference.source import FilteredSource
 from mipbake.quality.round_lookups import candidate
 from mipbake.source.images.image_files import write_image
 from mipbake.training.data import Materials

@@ -12,8 +12,8 @@ import numpy as np
 from mipbake.comparing.meshes import shapes
 from mipbake.comparing.meshes.camera import Camera, orbit
 from mipbake.comparing.meshes.mesh import Mesh
-from mipbake.comparing.result import SCALES
 from mipbake.comparing.scenes import median_lod
+from mipbake.quality.figures import SCALES
 
 _SPHERE_ANGLE = 25.0  # vertical field of view, degrees
 _SPHERE_ROWS = 32  # rows of quads from pole to pole
@@ -28,7 +28,7 @@ class EngineView:
 
     Args:
         name: `plane-near`, `sphere-1:1`, ...
-        shape, scale: `plane`, `wall` or `sphere`; a name in mipbake.comparing.result.SCALES.
+        shape, scale: `plane`, `wall` or `sphere`; a name in mipbake.quality.figures.SCALES.
         lod: median level of detail of the pixels.
         mesh, camera: the scene.
         side: pixels a side of the picture.

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mipbake.comparing.result import SCALES
+from mipbake.quality.figures import SCALES
 from mipbake.quality.metrics import MEASURES, PAIR_SETS, mean_interval
 from results_page.files import FOUR, LINEAR, OPTIMUM, SUBJECT, Results
 from results_page.tables import DIGITS, PLACES, average, lod_heads, loss, table

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from mipbake.comparing.result import SCALES
+from mipbake.quality.figures import SCALES
 from mipbake.quality.metrics import MEASURES, PAIR_SETS, mean_interval
 from results_page.files import OPTIMUM, SUBJECT, Results
 

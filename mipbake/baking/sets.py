@@ -34,6 +34,7 @@ from mipbake.stack.output import GLB_TEXELS, block_warnings, check_outputs
 from mipbake.stack.presets import Preset
 from mipbake.stack.ranges import chosen_ranges
 from mipbake.stack.sidecars import FORMAT, sidecar_named
+from mipbake.stack.split_tiles import stacks_of
 from mipbake.stack.stack import MipStack
 
 _OWN_MEMORY = 160 << 20
@@ -147,7 +148,7 @@ def _bake(run: Run, job: Job, read: Read, recipe: Recipe, reading: Timings, plac
         told = [_left_over(checkpoint)] if was_stopped else []
         made = [
             _write(run, job, texture_set, stack, place / texture_set.name, baking, told)
-            for texture_set, stack in read.stacks(baked)
+            for texture_set, stack in stacks_of(read, baked)
         ]
     if checkpoint is not None and not was_stopped:
         discard(checkpoint)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,16 +16,13 @@ from mipbake.baking.neural import Neural
 from mipbake.base.device import checked_device
 from mipbake.base.errors import OutputError, UsageError
 from mipbake.base.publish import reason, temporary_folder
-from mipbake.comparing.result import Method
 from mipbake.material import model_named
 from mipbake.material.aim import Sampler, checked_aim
 from mipbake.material.pixel_filter import FILTERS, level_sizes
+from mipbake.quality.figures import Candidate, Method
 from mipbake.source.texture_set import TextureSet
 from mipbake.stack.map_files import Levels
 from mipbake.stack.stack import MipStack
-
-BAKED = "baked"
-"""Name of a stack that was opened."""
 
 ORIGIN_KERNEL = "box"
 """The averaging kernel that closed forms have where they come from: engines and their tools."""
@@ -38,29 +34,6 @@ _LEAST_FILE = 1 << 20  # bytes; smaller levels stay in memory
 
 PhaseProgress = Callable[[str, float], None]
 """Is told the name of the phase and its finished share, from 0 to 1."""
-
-
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """A stack that is measured.
-
-    Args:
-        method: what it is.
-        levels: (H_L, W_L, C) float32 stored channels of the model `method.model`, finest first, down to 1 x 1. The
-            levels from `bake_all` may lie in files: they are read-only, and are gone after its block.
-    """
-
-    method: Method
-    levels: Sequence[NDArray[np.float32]]
-
-    def __repr__(self) -> str:
-        """A description in one line."""
-        return f"Candidate({self.name!r}, {self.method.model}, {len(self.levels)} levels)"
-
-    @property
-    def name(self) -> str:
-        """What tables and files call it."""
-        return self.method.name
 
 
 def closed_forms(pixel_filter: str) -> tuple[tuple[str, str], ...]:
@@ -233,13 +206,6 @@ def _mapped(level: NDArray[np.float32], folder: Path) -> NDArray[np.float32]:
             "or set TMPDIR to a folder on a larger disk, or compare fewer methods"
         ) from error
     return mapped
-
-
-def opened(stack: MipStack, path: Path | None = None) -> Candidate:
-    """An existing stack as the candidate `baked`; the path is the folder that it was opened from."""
-    made = stack.provenance
-    method = Method(BAKED, made.method, made.pixel_filter, stack.model, path=path, sampler=made.sampler, aim=made.aim)
-    return Candidate(method, stack.levels)
 
 
 def mismatch(stack: MipStack, texture_set: TextureSet) -> str | None:

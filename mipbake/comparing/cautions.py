@@ -6,12 +6,13 @@ import math
 import shlex
 from collections.abc import Sequence
 
-from mipbake.comparing.candidates import BAKED
 from mipbake.comparing.film_figures import missing_judge
 from mipbake.comparing.filming import RESOLVED_SHARE
-from mipbake.comparing.result import Filmed, FilmedScene, Method, Scene
+from mipbake.comparing.result import Filmed, FilmedScene, Scene
 from mipbake.material import losses, model_named
+from mipbake.quality.figures import Method
 from mipbake.quality.samplers import RenderSampler, baked_for
+from mipbake.stack.written import BAKED
 
 
 def limits(source: str, target: str, opened_one: bool) -> tuple[str, ...]:

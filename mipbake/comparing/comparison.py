@@ -18,7 +18,7 @@ from mipbake.base.errors import UsageError
 from mipbake.base.extras import check_extra
 from mipbake.base.timings import Timings
 from mipbake.comparing import plots
-from mipbake.comparing.candidates import Candidate, bake_all, check_asked, chosen, default_names, mismatch, opened
+from mipbake.comparing.candidates import bake_all, check_asked, chosen, default_names, mismatch
 from mipbake.comparing.cautions import limits, made_for_others, not_converged, unjudged
 from mipbake.comparing.conditions import IN_TEXTURE_SPACE, Condition
 from mipbake.comparing.film_figures import film_measures
@@ -28,19 +28,20 @@ from mipbake.comparing.meshes.mesh import Mesh
 from mipbake.comparing.meshes.render_file import write_render
 from mipbake.comparing.pictures import MAX_PASSES, SHIFTED_SCALES, RenderSettings, render_view
 from mipbake.comparing.ranking import best_closed_form
-from mipbake.comparing.result import SCALES, SNR_GAIN, Comparison, Figure, Filmed, Method, Plot, Rendered, file_stem
+from mipbake.comparing.result import Comparison, Filmed, Plot, Rendered, file_stem
 from mipbake.comparing.scenes import SMALLEST, SPHERE_RESOLUTION, View, mesh_views, standard_views
 from mipbake.material.aim import DEFAULT_SAMPLER, Sampler
 from mipbake.material.pixel_filter import filter_named
 from mipbake.quality import environment, texture_space
 from mipbake.quality.environment import Lighting
+from mipbake.quality.figures import SCALES, SNR_GAIN, Candidate, Figure, Method
 from mipbake.quality.metrics import MEASURES, PAIR_SETS, check_color_video_vdp
-from mipbake.quality.reference.source import FilteredSource
 from mipbake.quality.samplers import RenderSampler, baked_for
 from mipbake.quality.texture_space import DEFAULT_POINTS, DEFAULT_SAMPLES, DEFAULT_SEED, MeasureEffort, TextureSpace
 from mipbake.source.texture_set import TextureSet
 from mipbake.stack.content import Provenance
 from mipbake.stack.stack import MipStack
+from mipbake.stack.written import opened
 
 PhaseProgress = Callable[[str, float], None]
 """Is told the name of the phase and its finished share, from 0 to 1."""
@@ -234,9 +235,8 @@ def _compared(
 ) -> Comparison:
     subject = candidates[0].method
     effort, made_for = MeasureEffort(settings.seed, settings.points, settings.samples), baked_for(settings.sampler)
-    measured = texture_space.measure(
-        texture_set, candidates, pixel_filter, effort=effort, progress=clock, sampler=made_for
-    )
+    source = texture_set.filtered(pixel_filter)
+    measured = texture_space.measure(source, candidates, effort=effort, progress=clock, sampler=made_for)
     clock("texture space", 1.0)
     comparison = Comparison(
         name=texture_set.name,
@@ -252,8 +252,6 @@ def _compared(
     best = best_closed_form(comparison)
     drawn = (subject.name, best, "linear (box)", f"linear ({pixel_filter})", "optimum")
     few = [each for each in candidates if each.name in drawn]
-    model = texture_set.source_model
-    source = FilteredSource(texture_set.material(model), model, texture_set.wrap, pixel_filter)
     looks = RenderSettings(settings.seed, settings.max_passes, settings.sampler, settings.cache)
     rendered: list[Rendered] = []
     figures: list[Figure] = []
@@ -303,14 +301,15 @@ def _views(texture_set: TextureSet, settings: Settings) -> tuple[View, ...]:
     size, square = (texture_set.height, texture_set.width), (settings.side, settings.side)
     if settings.mesh:
         return mesh_views(settings.mesh, size, settings.lights, square)
-    last = int(texture_space.last_lod(texture_set))
+    last = int(texture_space.last_lod(size))
     return standard_views(size, settings.lights, last, square, (settings.side, settings.side * 7 // 4))
 
 
 def _films(texture_set: TextureSet, settings: Settings) -> tuple[FilmScene, ...]:
     if not settings.films:
         return ()
-    size, last = (texture_set.height, texture_set.width), int(texture_space.last_lod(texture_set))
+    size = texture_set.height, texture_set.width
+    last = int(texture_space.last_lod(size))
     return films_of(size, settings.lights, last, settings.mesh, settings.motion, settings.side)
 
 
@@ -338,7 +337,7 @@ def _planned(
     def unknown(method: Method, measure: str, view: str, scale: str, lod: float = math.nan) -> Figure:
         return Figure(method.name, measure, view, scale, lod, math.nan, math.nan, math.nan)
 
-    lods = texture_space.curve_lods(texture_set)
+    lods = texture_space.curve_lods((texture_set.height, texture_set.width))
     places = [(measure, view, scale) for measure in IN_TEXTURE_SPACE for view in PAIR_SETS for scale in SCALES]
     for view in views:
         moves = view.scale in SHIFTED_SCALES

@@ -27,7 +27,8 @@ from dataclasses import dataclass
 
 from mipbake.base.errors import UsageError
 from mipbake.comparing.ranking import closed_forms
-from mipbake.comparing.result import SCALES, Comparison, Figure
+from mipbake.comparing.result import Comparison
+from mipbake.quality.figures import SCALES, Figure
 from mipbake.quality.metrics import MEASURES, PAIR_SETS
 
 GRAMMAR = (

@@ -13,17 +13,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.comparing.candidates import Candidate
 from mipbake.comparing.film_figures import ShownReference, film_figures
 from mipbake.comparing.films import FRAMES_PER_SECOND, RESOLUTION, FilmScene, Motion, mesh_films, standard_films
 from mipbake.comparing.meshes.film import FilmSampling, Frames, film_candidate
 from mipbake.comparing.meshes.mesh import Mesh
 from mipbake.comparing.meshes.mesh_render import Cache
 from mipbake.comparing.pictures import RenderSettings
-from mipbake.comparing.result import Figure, Filmed, FilmedScene
+from mipbake.comparing.result import Filmed, FilmedScene
 from mipbake.comparing.scenes import median_lod
+from mipbake.material.filtered_source import FilteredSource
 from mipbake.quality.environment import Lighting
-from mipbake.quality.reference.source import FilteredSource
+from mipbake.quality.figures import Candidate, Figure
 
 MOST_PASSES = 256
 """Most samples for each pixel of a film's reference: a film has as many pixels as ten pictures."""

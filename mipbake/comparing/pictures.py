@@ -17,15 +17,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.comparing.candidates import Candidate
 from mipbake.comparing.meshes import mesh_render
 from mipbake.comparing.meshes.mesh_render import Cache, Frame, Passes, Reference, Shot
-from mipbake.comparing.result import Figure, Image, Rendered, Scene
+from mipbake.comparing.result import Image, Rendered, Scene
 from mipbake.comparing.scenes import View, shifted
 from mipbake.material.aim import DEFAULT_SAMPLER
+from mipbake.material.filtered_source import FilteredSource
+from mipbake.quality.figures import Candidate, Figure
 from mipbake.quality.metrics import MEASURES, Measured, hdr_flip_exposures
 from mipbake.quality.metrics.images import displayed
-from mipbake.quality.reference.source import FilteredSource
 from mipbake.quality.samplers import RenderSampler
 
 MAX_PASSES = 768

@@ -10,16 +10,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.comparing.candidates import Candidate
 from mipbake.comparing.pictures import Change, RenderSettings
-from mipbake.comparing.result import Figure, Image, Plot
+from mipbake.comparing.result import Image, Plot
 from mipbake.comparing.scenes import exposed
 from mipbake.comparing.turning import Turning
+from mipbake.material.filtered_source import FilteredSource
 from mipbake.quality.environment import Lighting
+from mipbake.quality.figures import Candidate, Figure
 from mipbake.quality.metrics import LightViewPairs, flicker_ratio, flicker_snr_db
 from mipbake.quality.metrics.pairs import cosine_directions
 from mipbake.quality.reference.estimate import reference
-from mipbake.quality.reference.source import FilteredSource
 from mipbake.quality.round_lookups import candidate
 
 SLICE_PASSES = 384

@@ -16,8 +16,8 @@ from mipbake.comparing.meshes import shapes
 from mipbake.comparing.meshes.camera import Camera, orbit
 from mipbake.comparing.meshes.mesh import Mesh
 from mipbake.comparing.meshes.mesh_render import Shot
-from mipbake.comparing.result import SCALES
 from mipbake.quality.environment import Lighting
+from mipbake.quality.figures import SCALES
 from mipbake.quality.samplers import level_of_detail
 
 SPHERE_RESOLUTION = (256, 256)  # pixels

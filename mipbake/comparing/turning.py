@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from mipbake import sampling, shading
 from mipbake.comparing.meshes.camera import Camera
 from mipbake.material.aim import DEFAULT_SAMPLER
+from mipbake.material.filtered_source import FilteredSource
 from mipbake.material.pixel_filter import Wrap, filter_named
 from mipbake.quality.environment import Lighting
 from mipbake.quality.reference.sequences import SEQUENCE
-from mipbake.quality.reference.source import FilteredSource
 from mipbake.quality.samplers import RenderSampler, level_of_detail, look_up, over_frames
 
 Array = NDArray[np.float64]

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from mipbake.comparing.candidates import BAKED, bake_all, label, mismatch, opened
+from mipbake.comparing.candidates import bake_all, label, mismatch
 from mipbake.material.aim import DEFAULT_SAMPLER
 from mipbake.quality.texture_space import (
     DEFAULT_POINTS,
@@ -18,6 +18,7 @@ from mipbake.quality.texture_space import (
 )
 from mipbake.source.texture_set import TextureSet
 from mipbake.stack.stack import MipStack
+from mipbake.stack.written import BAKED, opened
 
 __all__ = [
     "BAKED",
@@ -142,9 +143,8 @@ def validate(
         candidates = [opened(stack), *baked]
         effort = MeasureEffort(seed, points, samples)
         measured = measure(
-            texture_set,
+            texture_set.filtered(kernel),
             candidates,
-            kernel,
             lods,
             (),
             effort,

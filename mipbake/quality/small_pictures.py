@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.material.aim import Sampler
+from mipbake.material.filtered_source import FilteredSource
 from mipbake.material.pixel_filter import slanted_axes
 from mipbake.quality.environment import Lighting
 from mipbake.quality.metrics.visible import SIDE
 from mipbake.quality.reference.estimate import estimate
 from mipbake.quality.reference.lighting import SummedLights
 from mipbake.quality.reference.samples import Pixels
-from mipbake.quality.reference.source import FilteredSource
 from mipbake.quality.samplers import frames_at, in_frames, mean_of_frames
 from mipbake.shading import shade_lit
 from mipbake.shading.adjoint import shade_adjoint

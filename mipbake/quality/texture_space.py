@@ -17,16 +17,14 @@ import numpy as np
 
 from mipbake.base.errors import UsageError
 from mipbake.base.threads import on_threads
-from mipbake.comparing.candidates import Candidate
-from mipbake.comparing.result import SCALES, Figure
 from mipbake.material.aim import DEFAULT_SAMPLER, Sampler
+from mipbake.material.filtered_source import FilteredSource
 from mipbake.material.pixel_filter import level_sizes
+from mipbake.quality.figures import SCALES, Candidate, Figure
 from mipbake.quality.metrics import PAIR_SETS, Interval, bootstrap, flicker_interval, snr_gain_interval, snr_interval
 from mipbake.quality.metrics.pairs import BLOCK
 from mipbake.quality.metrics.snr import snr_from_sums
-from mipbake.quality.reference.source import FilteredSource
 from mipbake.quality.texture_sums import BLOCKS, Draws, Found, Sums, a_block, at_rest, in_motion, whole_scene
-from mipbake.source.texture_set import TextureSet
 
 DEFAULT_SEED = 0  # not tuned
 DEFAULT_POINTS = 8192
@@ -82,19 +80,19 @@ class TextureSpace:
         return snr_gain_interval(self.sums[method, view, where], self.sums[other, view, where])
 
 
-def last_lod(texture_set: TextureSet) -> float:
-    """The last level of a stack of the set."""
-    return float(len(level_sizes(texture_set.height, texture_set.width)) - 1)
+def last_lod(size: tuple[int, int]) -> float:
+    """The last level of a stack of (height, width) texels."""
+    return float(len(level_sizes(*size)) - 1)
 
 
-def curve_lods(texture_set: TextureSet) -> tuple[float, ...]:
+def curve_lods(size: tuple[int, int]) -> tuple[float, ...]:
     """Levels of detail of a curve: from 0 to the far scale, or to the last level, in steps of STEP."""
-    return _steps(0.0, min(SCALES["far"][1], last_lod(texture_set)))
+    return _steps(0.0, min(SCALES["far"][1], last_lod(size)))
 
 
-def scale_lods(texture_set: TextureSet, scale: str) -> tuple[float, ...]:
+def scale_lods(size: tuple[int, int], scale: str) -> tuple[float, ...]:
     """Levels of detail that a scale is measured at: its own, or the last level where the set has no more."""
-    low, high = (min(lod, last_lod(texture_set)) for lod in SCALES[scale])
+    low, high = (min(lod, last_lod(size)) for lod in SCALES[scale])
     return _steps(low, high)
 
 
@@ -139,9 +137,8 @@ class MeasureEffort:
 
 
 def measure(
-    texture_set: TextureSet,
+    source: FilteredSource,
     candidates: Sequence[Candidate],
-    pixel_filter: str,
     lods: Sequence[float] | None = None,
     scales: Sequence[str] = tuple(SCALES),
     effort: MeasureEffort = MeasureEffort(),
@@ -160,9 +157,8 @@ def measure(
     detail, fewer points take many more samples each: the reference hardly changes there, and its noise must be less.
 
     Args:
-        texture_set: the source.
+        source: level 0, and the pixel filter that the reference has.
         candidates: stacks of it, with distinct names.
-        pixel_filter: of the reference.
         lods: levels of detail of the curve; None for `curve_lods`. Those beyond the last level are measured there,
             once.
         scales: names in SCALES; none for the curve alone.
@@ -173,23 +169,21 @@ def measure(
     Raises:
         UsageError: no lod or a negative one, fewer than one point or sample, an unknown pixel filter.
     """
-    asked = curve_lods(texture_set) if lods is None else tuple(float(lod) for lod in lods)
+    height, width = size = source.size
+    asked = curve_lods(size) if lods is None else tuple(float(lod) for lod in lods)
     check_settings(asked, effort.points, effort.samples)
     seed, points, samples = effort.seed, effort.points, effort.samples
-    last = last_lod(texture_set)
+    last = last_lod(size)
     curve = tuple(dict.fromkeys(min(lod, last) for lod in asked))
     notes = () if curve == asked else (f"lods beyond the last level were measured there, at lod {last:g}.",)
-    at_scale = {scale: scale_lods(texture_set, scale) for scale in scales}
+    at_scale = {scale: scale_lods(size, scale) for scale in scales}
     shifted = {lod for each in at_scale.values() for lod in each}
     every = tuple(dict.fromkeys((*curve, *sorted(shifted))))
 
-    model = texture_set.source_model
-    source = FilteredSource(texture_set.material(model), model, texture_set.wrap, pixel_filter)
     scene, own = whole_scene(source, seed, sampler), a_block(points)
     together = max(1, min(BLOCKS, _TOGETHER // own))
     parts = [slice(first, first + together) for first in range(0, BLOCKS, together)]
-    texels = texture_set.width * texture_set.height
-    drawn = {lod: effort.changes(texels / 4**lod, points, samples) for lod in shifted}
+    drawn = {lod: effort.changes(width * height / 4**lod, points, samples) for lod in shifted}
 
     def measured(item: int) -> list[Found]:
         index, part = divmod(item, len(parts))

@@ -17,8 +17,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.comparing.candidates import Candidate
 from mipbake.material.aim import Sampler
+from mipbake.material.filtered_source import FilteredSource
+from mipbake.quality.figures import Candidate
 from mipbake.quality.metrics import PAIR_SETS
 from mipbake.quality.metrics.images import displayed
 from mipbake.quality.metrics.pairs import BLOCK, PAIRS
@@ -27,7 +28,6 @@ from mipbake.quality.reference.lighting import GroupPairs
 from mipbake.quality.reference.pair_sets import weighted_pair_set
 from mipbake.quality.reference.samples import Pixels
 from mipbake.quality.reference.sequences import random_points
-from mipbake.quality.reference.source import FilteredSource
 from mipbake.quality.round_lookups import looked_up
 from mipbake.quality.samplers import over_frames
 from mipbake.shading import shade

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 from mipbake.base.errors import InputError, UsageError
 from mipbake.base.messages import listed
@@ -21,11 +21,7 @@ from mipbake.source.options import LoadOptions
 from mipbake.source.sources import Discovery
 from mipbake.source.texture_set import TextureSet, load
 from mipbake.source.tiles import name_with
-from mipbake.source.udim import CLAMPED, Mosaic, mosaics, split
-from mipbake.stack.packing import source_files
-
-if TYPE_CHECKING:
-    from mipbake.stack.stack import MipStack
+from mipbake.source.udim import CLAMPED, Mosaic, mosaics
 
 _T = TypeVar("_T")
 
@@ -139,15 +135,6 @@ class Read:
     sets: Mapping[int, TextureSet]
     texture_set: TextureSet
     mosaic: Mosaic | None = field(default=None)
-
-    def stacks(self, baked: MipStack) -> Iterator[tuple[TextureSet, MipStack]]:
-        """Every texture set with its own stack."""
-        if self.mosaic is None:
-            yield self.texture_set, baked
-            return
-        for tile, stack in split(baked, self.mosaic).items():
-            tiled = replace(self.sets[tile], wrap=stack.wrap)
-            yield tiled, replace(stack, source_files=source_files(tiled), tile=tile)
 
 
 @dataclass(frozen=True)

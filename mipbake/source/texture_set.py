@@ -19,6 +19,7 @@ from mipbake.base.colour import LINEAR
 from mipbake.base.errors import InputError, UsageError
 from mipbake.material import GLTF_MODELS, MODELS, convert
 from mipbake.material.directions import untangled
+from mipbake.material.filtered_source import FilteredSource
 from mipbake.source.decode import (
     DecodedMap,
     TextureMap,
@@ -103,6 +104,10 @@ class TextureSet:
     def _lines(self) -> NDArray[np.float32]:
         """The anisotropy map with signs that agree: what lies between its texels does not depend on who drew it."""
         return untangled(self.maps["anisotropy"].pixels, self.wrap)
+
+    def filtered(self, pixel_filter: str) -> FilteredSource:
+        """Level 0 in its own material model, to be seen under a pixel filter."""
+        return FilteredSource(self.material(self.source_model), self.source_model, self.wrap, pixel_filter)
 
     def material(self, model: str) -> NDArray[np.float32]:
         """Stored channels (H, W, C) float32 of level 0 in a material model; see `mipbake.material`."""

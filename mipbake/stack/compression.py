@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.base.errors import InputError
-from mipbake.comparing.candidates import Candidate, opened
 from mipbake.material.aim import DEFAULT_SAMPLER
+from mipbake.quality.figures import Candidate
 from mipbake.quality.metrics import PAIR_SETS
 from mipbake.quality.texture_space import MeasureEffort, measure
 from mipbake.source.layout import ENCODINGS, to_file
@@ -27,7 +27,7 @@ from mipbake.stack.gltf.ranges import Ranges
 from mipbake.stack.map_files import MapFile, RoundedLevels, quantised_levels, row_blocks, stood_for
 from mipbake.stack.output import Output
 from mipbake.stack.stack import MipStack
-from mipbake.stack.written import measure_written
+from mipbake.stack.written import measure_written, opened
 
 Progress: TypeAlias = Callable[[float], None]
 """Is told the finished share, from 0 to 1."""
@@ -253,11 +253,16 @@ def losses(
         progress: told the finished share.
     """
     others = [Candidate(replace(baked.method, name=name), levels) for name, levels in variants.items()]
-    kernel = baked.method.kernel
     effort = MeasureEffort(_SEED, _POINTS, _SAMPLES, intervals=False)
     sampler = baked.method.sampler or DEFAULT_SAMPLER
     measured = measure(
-        texture_set, [baked, *others], kernel, LODS, (), effort, lambda _phase, share: progress(share), sampler
+        texture_set.filtered(baked.method.kernel),
+        [baked, *others],
+        LODS,
+        (),
+        effort,
+        lambda _phase, share: progress(share),
+        sampler,
     )
     snr: dict[tuple[str, str], list[float]] = {}
     for figure in measured.curve:

@@ -10,7 +10,6 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.comparing.candidates import opened
 from mipbake.source.layout import LAYOUTS, channels_of
 from mipbake.source.options import SHADING_ROLES
 from mipbake.source.texture_set import TextureSet
@@ -20,6 +19,7 @@ from mipbake.stack.gpu_files import KTX2, GpuFile
 from mipbake.stack.map_files import Levels, MapFile
 from mipbake.stack.output import GLB_TEXELS
 from mipbake.stack.stack import MipStack
+from mipbake.stack.written import opened
 
 _SHARES, _BEYOND = (0.5, 0.75, 0.9, 0.97), (2.0, 4.0)
 """Shares of slopes within the scales that are tried, and multiples of the largest of these scales."""

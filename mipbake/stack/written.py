@@ -10,13 +10,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.comparing.candidates import Candidate, opened
 from mipbake.material.aim import DEFAULT_SAMPLER
+from mipbake.quality.figures import Candidate, Method
 from mipbake.quality.metrics import PAIR_SETS
 from mipbake.quality.metrics.snr import snr_from_sums
 from mipbake.quality.texture_space import MeasureEffort, TextureSpace, measure
@@ -32,6 +33,9 @@ averages of bumpy gloss, a lookup between levels may well be worse than at both.
 
 SPOKEN = {"near-mirror": "near the mirror", "hemisphere": "over the hemisphere"}
 """Pair sets, in a sentence."""
+
+BAKED = "baked"
+"""Name of a stack that was opened."""
 
 _POINTS, _LEAST_POINTS, _SAMPLES, _SEED = 256, 16, 16, 12  # efforts: guesses; the last is the seed
 _SUSPICIOUS = 1.0  # dB of a dip that is measured again, with more points and other pairs
@@ -92,6 +96,13 @@ class Written:
         }
 
 
+def opened(stack: MipStack, path: Path | None = None) -> Candidate:
+    """An existing stack as the candidate `baked`; the path is the folder that it was opened from."""
+    made = stack.provenance
+    method = Method(BAKED, made.method, made.pixel_filter, stack.model, path=path, sampler=made.sampler, aim=made.aim)
+    return Candidate(method, stack.levels)
+
+
 def measure_written(
     texture_set: TextureSet,
     stack: MipStack,
@@ -113,12 +124,13 @@ def measure_written(
     lods = [index / 2 for index in range(2 * len(levels) - 1)]
     texels = texture_set.width * texture_set.height
     points = min(_POINTS, max(_LEAST_POINTS, texels // 4))
-    kernel, sampler = stack.provenance.pixel_filter, stack.provenance.sampler or DEFAULT_SAMPLER
+    source = texture_set.filtered(stack.provenance.pixel_filter)
+    sampler = stack.provenance.sampler or DEFAULT_SAMPLER
 
     def measured(at: Sequence[float], points: int, samples: int, seed: int) -> TextureSpace:
         told = (lambda _phase, share: progress(share)) if at is lods else (lambda _phase, _share: None)
         effort = MeasureEffort(seed, points, samples, intervals=False)
-        return measure(texture_set, [found], kernel, at, (), effort, told, sampler)
+        return measure(source, [found], at, (), effort, told, sampler)
 
     first = measured(lods, points, _SAMPLES, _SEED)
     dips = []

@@ -14,14 +14,13 @@ from numpy.typing import NDArray
 from mipbake.baking.methods import METHODS, Prefilter
 from mipbake.baking.search.descent_effort import DescentEffort
 from mipbake.baking.search.methods import Optimum, Refine
-from mipbake.comparing.candidates import Candidate
 from mipbake.comparing.filming import FilmSettings, films_of, taken
 from mipbake.comparing.pictures import RenderSettings
-from mipbake.comparing.result import Method
 from mipbake.material.aim import SAMPLERS
+from mipbake.material.filtered_source import FilteredSource
 from mipbake.quality.environment import lamps
+from mipbake.quality.figures import Candidate, Method
 from mipbake.quality.judging.probes import ProbeEffort
-from mipbake.quality.reference.source import FilteredSource
 from mipbake.training import loop
 from mipbake.training.batches import batches
 from mipbake.training.config import TrainingConfig

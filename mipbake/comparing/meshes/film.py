@@ -19,9 +19,9 @@ from mipbake.comparing.meshes.camera import Camera
 from mipbake.comparing.meshes.mesh import Mesh
 from mipbake.comparing.meshes.mesh_render import Cache, SamplePass, Shot, Supersampled, candidate, reference_key
 from mipbake.material.aim import DEFAULT_SAMPLER
+from mipbake.material.filtered_source import FilteredSource
 from mipbake.material.pixel_filter import Wrap
 from mipbake.quality.environment import Lighting
-from mipbake.quality.reference.source import FilteredSource
 from mipbake.quality.samplers import RenderSampler
 
 Frames = NDArray[np.float32]

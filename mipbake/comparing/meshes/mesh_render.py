@@ -25,10 +25,10 @@ from mipbake.comparing.meshes.camera import Camera
 from mipbake.comparing.meshes.mesh import Mesh
 from mipbake.comparing.meshes.visible import Points, Surface
 from mipbake.material.aim import DEFAULT_SAMPLER
+from mipbake.material.filtered_source import FilteredSource
 from mipbake.material.pixel_filter import PixelFilter, Wrap, filter_named
 from mipbake.quality.environment import Lighting
 from mipbake.quality.reference.sequences import SEQUENCE
-from mipbake.quality.reference.source import FilteredSource
 from mipbake.quality.samplers import RenderSampler, level_of_detail, look_up, over_frames
 
 Array = NDArray[np.float32]

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from mipbake.comparing.page.markup import Html, element, joined
 from mipbake.comparing.page.methods import Look, looks
 from mipbake.comparing.page.verdict import PLACES
-from mipbake.comparing.result import SCALES, Comparison, Figure
+from mipbake.comparing.result import Comparison
+from mipbake.quality.figures import SCALES, Figure
 from mipbake.quality.metrics import PAIR_SETS
 
 WIDTH, HEIGHT = 490, 330

@@ -17,7 +17,8 @@ from mipbake.comparing.page.pictures import Album
 from mipbake.comparing.page.scenes import cell, figures_of, named
 from mipbake.comparing.page.seen import seen
 from mipbake.comparing.ranking import LINEAR, closed_forms
-from mipbake.comparing.result import Comparison, Figure, Filmed, FilmedScene
+from mipbake.comparing.result import Comparison, Filmed, FilmedScene
+from mipbake.quality.figures import Figure
 from mipbake.quality.metrics import MEASURES
 
 

@@ -17,7 +17,8 @@ from mipbake.comparing.page.methods import REFERENCE, standing_out
 from mipbake.comparing.page.pictures import Album, Picture, displayed_bytes, gradient_stops, heat
 from mipbake.comparing.page.tables import number, title, unit
 from mipbake.comparing.ranking import LINEAR
-from mipbake.comparing.result import Comparison, Figure, Plot, Rendered, Scene
+from mipbake.comparing.result import Comparison, Plot, Rendered, Scene
+from mipbake.quality.figures import Figure
 from mipbake.quality.metrics import MEASURES
 
 

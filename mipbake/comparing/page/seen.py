@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 from mipbake.comparing.page.markup import listed
 from mipbake.comparing.ranking import LINEAR, closed_forms
-from mipbake.comparing.result import Comparison, Figure
+from mipbake.comparing.result import Comparison
+from mipbake.quality.figures import Figure
 from mipbake.quality.metrics import MEASURES
 
 VISIBLE_JOD = 0.1

@@ -11,7 +11,8 @@ from mipbake.comparing.page.methods import looks
 from mipbake.comparing.page.seen import Seen, spoken
 from mipbake.comparing.page.verdict import PLACES, Difference, Verdict
 from mipbake.comparing.ranking import LINEAR, OPTIMUM
-from mipbake.comparing.result import SCALES, SNR_GAIN, Comparison, Figure
+from mipbake.comparing.result import Comparison
+from mipbake.quality.figures import SCALES, SNR_GAIN, Figure
 from mipbake.quality.metrics import MEASURES, PAIR_SETS
 
 _BETTER = {

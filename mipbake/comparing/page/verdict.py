@@ -15,7 +15,8 @@ from dataclasses import dataclass
 from mipbake.comparing.page.markup import listed
 from mipbake.comparing.page.seen import Seen, alone_sentence, seen, seen_sentence
 from mipbake.comparing.ranking import LINEAR, OPTIMUM, closed_forms
-from mipbake.comparing.result import SCALES, SNR_GAIN, Comparison, Figure
+from mipbake.comparing.result import Comparison
+from mipbake.quality.figures import SCALES, SNR_GAIN, Figure
 from mipbake.quality.metrics import PAIR_SETS
 
 PLACES = {"near-mirror": "near the mirror", "hemisphere": "over the hemisphere"}

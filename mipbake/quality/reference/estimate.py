@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import sampling
+from mipbake.material.filtered_source import FilteredSource
 from mipbake.material.pixel_filter import Wrap
 from mipbake.quality.metrics.pairs import LightViewPairs
 from mipbake.quality.reference.lighting import Illumination, common_pairs
 from mipbake.quality.reference.samples import Generators, Pixels, Samples, Span
-from mipbake.quality.reference.source import FilteredSource
 
 Image = NDArray[np.float32]
 

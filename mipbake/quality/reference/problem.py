@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.material.aim import DEFAULT_SAMPLER, Sampler
+from mipbake.material.filtered_source import FilteredSource
 from mipbake.material.pixel_filter import Wrap, level_sizes
 from mipbake.quality.reference.sequences import random_points
-from mipbake.quality.reference.source import FilteredSource
 
 Image = NDArray[np.float32]
 

@@ -24,3 +24,8 @@ class FilteredSource:
     model: str
     wrap: Wrap
     pixel_filter: str
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(height, width) in texels."""
+        return self.stored.shape[0], self.stored.shape[1]
