@@ -12,8 +12,8 @@ import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT / "docs"))
-from rooms.folders import folders  # noqa: E402
+sys.path.insert(0, str(ROOT / "tests"))
+from source_tree import folders  # noqa: E402
 
 
 def main() -> int:

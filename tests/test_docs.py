@@ -21,6 +21,7 @@ from mipbake.quality import environment
 from mipbake.source.layout import PROJECT
 
 from .quick_methods import quick_methods
+from .source_tree import NATIVE, modules
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -65,19 +66,15 @@ MADE_UP = ("tests/", "docs/engines/", "CHANGELOG.md")
 """Pages and files that name what is made up, other people's, or gone."""
 
 
-def test_python_files_and_modules_that_are_named_are_there(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_python_files_and_modules_that_are_named_are_there() -> None:
     """In pages, in comments and in code."""
-    monkeypatch.syspath_prepend(ROOT / "docs")
-    rooms = importlib.import_module("rooms.imports")
-    modules = rooms.modules()
-
     def is_there(name: str) -> bool:
         """Whether a module is, or the first name that follows its own."""
-        if name.startswith(rooms.NATIVE) or name == PROJECT:
+        if name.startswith(NATIVE) or name == PROJECT:
             return True
-        module = next(m for m in (name.rsplit(".", up)[0] for up in range(name.count(".") + 1)) if m in modules)
+        module = next(m for m in (name.rsplit(".", up)[0] for up in range(name.count(".") + 1)) if m in modules())
         rest = name.removeprefix(module).strip(".").partition(".")[0]
-        return re.search(rf"\b{rest}\b", modules[module].read_text(encoding="utf-8")) is not None
+        return re.search(rf"\b{rest}\b", modules()[module].read_text(encoding="utf-8")) is not None
 
     gone = []
     for text in (text for text in (*PAGES, *CODE) if not text.startswith(MADE_UP)):

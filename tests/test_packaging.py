@@ -7,20 +7,13 @@ import re
 import sys
 from collections.abc import Iterable, Iterator
 from functools import cache
-from importlib import import_module, metadata
-from pathlib import Path
+from importlib import metadata
 
 import pytest
 
 from mipbake.base.extras import EXTRAS
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT / "docs"))
-try:
-    modules, imported = (getattr(import_module("rooms.imports"), name) for name in ("modules", "imported"))
-    tomllib = import_module("rooms.folders").tomllib
-finally:
-    sys.path.remove(str(ROOT / "docs"))
+from .source_tree import ROOT, imported, modules, tomllib
 
 ROOMS = {
     "mipbake/": "mipbake",

@@ -1,54 +1,81 @@
-"""Arrows between rooms point one way, and the page that lists the rooms says what the code does."""
+"""Arrows between rooms point one way, no modules import each other in a circle, and the page that lists the rooms says
+what the code does."""
 
 from __future__ import annotations
 
-import importlib
 import re
 import subprocess
 import sys
-from pathlib import Path
+from graphlib import TopologicalSorter
 
 import pytest
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT / "docs"))
-try:
-    table = importlib.import_module("rooms.table")
-    modules, imports = (getattr(importlib.import_module("rooms.imports"), name) for name in ("modules", "imports"))
-finally:
-    sys.path.remove(str(ROOT / "docs"))
+from .source_tree import NATIVE, PACKAGE, ROOT, imported, imports, modules
 
-TABLES = {"import": table.python_parts(), "include": table.native_parts()}
-
-DOORS = ("mipbake.shading", "mipbake.sampling", "mipbake.raster", "mipbake.stochastic")
+PAGE = ROOT / "docs" / "architecture.md"
+INCLUDE = re.compile(r'^\s*#\s*include\s+"([^"]+)"', re.MULTILINE)
 TORCH_ALLOWED = re.compile(
     r"mipbake\.(models|training)\b|mipbake\.(shading|sampling|raster|stochastic)\.(ops|reference)$|mipbake\.raster\._device$"
 )
+DOORS = ("mipbake.shading", "mipbake.sampling", "mipbake.raster", "mipbake.stochastic")
 
 
-@pytest.mark.parametrize("verb", TABLES)
-def test_every_file_lies_in_a_room(verb: str) -> None:
-    rooms, parts = [room for row in table.rows(verb) for room in row.rooms], TABLES[verb]
-    assert len(rooms) == len(set(rooms)) > 7
-    assert {part for part in parts if table.room_of(part, rooms) is None} == set()
-    assert set(rooms) == {table.room_of(part, rooms) for part in parts}
+def table(verb: str) -> dict[str, set[str]]:
+    """Rooms of the page to those that they may import or include, from the lowest to the highest."""
+    lines = PAGE.read_text(encoding="utf-8").splitlines()
+    first = lines.index(f"| room | what lives there | may {verb} |") + 2
+    rows = {}
+    for line in lines[first : lines.index("", first)]:
+        rooms, _, may = line.strip("|").split(" | ")
+        rows |= {room: set(re.findall(r"`([^`]+)`", may)) for room in re.findall(r"`([^`]+)`", rooms)}
+    return rows
 
 
-@pytest.mark.parametrize("verb", TABLES)
-def test_a_room_imports_what_its_row_says(verb: str) -> None:
-    found = table.uses(table.rows(verb), TABLES[verb])
-    for row in table.rows(verb):
-        for room in row.rooms:
-            made = {other: parts for other, parts in found[room].items() if other != table.EVERYWHERE}
-            assert set(made) <= set(row.may), f"{room}: {made}"
+def room_of(module: str) -> str:
+    """The folder below the package that a module lies in; of the core and the two packages themselves, their names."""
+    return module if module.count(".") == 0 else module.split(".")[1]
 
 
-@pytest.mark.parametrize("verb", TABLES)
+def files_of_the_core() -> dict[str, set[str]]:
+    """Every file of the native core, and the files of it that it includes; paths from the root."""
+    files = [path for path in (ROOT / "csrc").rglob("*.*") if path.suffix in {".h", ".cpp", ".cu"}]
+    return {
+        path.relative_to(ROOT).as_posix(): {f"csrc/{name}" for name in INCLUDE.findall(path.read_text("utf-8"))}
+        for path in files
+    }
+
+
+def native_room_of(path: str) -> str:
+    return path if path.count("/") == 1 else "/".join(path.split("/")[:2])
+
+
+def test_the_page_lists_the_rooms_and_what_they_import() -> None:
+    used: dict[str, set[str]] = {room_of(NATIVE): set()}
+    for module in modules():
+        room = room_of(module)
+        used.setdefault(room, set()).update({room_of(each) for each in imported(module)} - {room})
+    assert used == table("import")
+
+
+def test_the_page_lists_the_rooms_of_the_core_and_what_they_include() -> None:
+    used: dict[str, set[str]] = {}
+    for path, others in files_of_the_core().items():
+        room = native_room_of(path)
+        used.setdefault(room, set()).update({native_room_of(each) for each in others} - {room})
+    assert used == table("include")
+
+
+@pytest.mark.parametrize("verb", ["import", "include"])
 def test_rows_name_rows_above_them_alone(verb: str) -> None:
     above: set[str] = set()
-    for row in table.rows(verb):
-        assert above.issuperset(row.may), row
-        above.update(row.rooms)
+    for room, may in table(verb).items():
+        assert above >= may, room
+        above.add(room)
+
+
+def test_no_modules_load_each_other_in_a_circle() -> None:
+    graph = {module: imported(module, loading=True) - {PACKAGE} for module in modules()}
+    TopologicalSorter(graph).prepare()  # CycleError names the circle
 
 
 def reaches(names: set[str], room: str) -> set[str]:
@@ -57,7 +84,7 @@ def reaches(names: set[str], room: str) -> set[str]:
 
 def test_torch_stays_in_its_rooms() -> None:
     for module in (each for each in modules() if not TORCH_ALLOWED.match(each)):
-        assert not reaches(imports(module, loading=True), "torch"), module
+        assert not reaches(set(imports(module, loading=True)), "torch"), module
 
 
 @pytest.mark.parametrize("module", [f"{door}.reference" for door in DOORS])
@@ -65,7 +92,7 @@ def test_twins_import_nothing_native(module: str) -> None:
     arguments = module.replace("reference", "_arguments")
     plain = ("mipbake.base.errors", "mipbake.material", arguments)
     for inner in {module, arguments} & set(modules()):
-        assert all(name.startswith(plain) for name in reaches(imports(inner), "mipbake"))
+        assert all(name.startswith(plain) for name in reaches(set(imports(inner)), "mipbake"))
 
 
 def test_one_piece_of_code_finds_the_stream() -> None:

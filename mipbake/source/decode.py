@@ -13,7 +13,7 @@ from mipbake.base.colour import LINEAR, SRGB, decode, unit_range
 from mipbake.base.errors import InputError
 from mipbake.material.directions import untangled
 from mipbake.source.images.declared import share_beyond, straight, turn_vectors
-from mipbake.source.images.read import Image
+from mipbake.source.images.image import Image
 from mipbake.source.normal import SHORT_LENGTH, decode_normals, length_resolution, lost_variance, normalised
 from mipbake.source.options import COLOUR_ROLES, PREMULTIPLIED, SCALAR_ROLES, LoadOptions
 from mipbake.source.sources import MapSource, spoken, taken

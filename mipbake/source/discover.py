@@ -10,7 +10,7 @@ from mipbake.base.colour import LINEAR, SRGB, canonical_colour_space, default_co
 from mipbake.base.errors import InputError
 from mipbake.base.messages import listed
 from mipbake.source.images.colour_names import RAW
-from mipbake.source.images.read import Header
+from mipbake.source.images.image import Header
 from mipbake.source.matches import (
     NO_ROLE,
     OUTVOTED,

@@ -15,7 +15,8 @@ from mipbake.base.json_text import parsed
 from mipbake.base.messages import listed
 from mipbake.base.safe_names import safe_name
 from mipbake.material import GLTF_MODELS
-from mipbake.source.images.read import IMAGE_SUFFIXES, Header, read_header
+from mipbake.source.images.image import Header
+from mipbake.source.images.read import IMAGE_SUFFIXES, read_header
 from mipbake.source.layout import MATERIAL_MANIFEST, MATERIAL_SCHEMA, SCHEMA, manifests
 from mipbake.source.names import Meaning, asset_words, classify, interpretations
 from mipbake.source.options import CUSTOM, ROLES, SCALAR_ROLES, LoadOptions

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.source.images.read import Image
+from mipbake.source.images.image import Image
 from mipbake.source.options import STRAIGHT, LoadOptions
 
 DATA = "data"

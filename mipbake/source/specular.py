@@ -13,7 +13,8 @@ from mipbake.base.colour import canonical_colour_space, default_colour_space
 from mipbake.base.errors import UsageError
 from mipbake.material.specular_glossiness import metallic_roughness
 from mipbake.source.decode import TextureMap
-from mipbake.source.images.read import Header, read_header
+from mipbake.source.images.image import Header
+from mipbake.source.images.read import read_header
 from mipbake.source.matches import Match, explicit
 from mipbake.source.names import Meaning, interpretations
 from mipbake.source.options import SPECULAR, LoadOptions

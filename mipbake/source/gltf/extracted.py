@@ -17,8 +17,9 @@ from mipbake.base.safe_names import unique_name
 from mipbake.base.srgb import linear_to_srgb
 from mipbake.source.gltf.document import Document
 from mipbake.source.gltf.images import content_key, image_bytes, image_label
+from mipbake.source.images.image import Header
 from mipbake.source.images.oiio_levels import write_png
-from mipbake.source.images.read import Header, read_header, read_image
+from mipbake.source.images.read import read_header, read_image
 
 _SUFFIXES = ("png", "jpg", "jpeg", "webp")
 

@@ -30,7 +30,7 @@ from mipbake.source.gltf.slots import (
     slot_of,
 )
 from mipbake.source.gltf.uses import texture_uses
-from mipbake.source.images.read import Header
+from mipbake.source.images.image import Header
 
 MaterialSlot: TypeAlias = tuple[int, str]
 """A material's index, and the name of a slot."""

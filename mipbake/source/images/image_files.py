@@ -19,7 +19,7 @@ from mipbake.base import disk
 from mipbake.base.errors import InputError, OutputError
 from mipbake.base.messages import told_by
 from mipbake.base.publish import check_room
-from mipbake.source.images.read import PNG_SIGNATURE, check_png
+from mipbake.source.images.png import PNG_SIGNATURE, check_png
 
 if TYPE_CHECKING:
     import OpenImageIO

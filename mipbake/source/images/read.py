@@ -5,11 +5,10 @@ from __future__ import annotations
 import hashlib
 import io
 import os
-import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +16,9 @@ from numpy.typing import NDArray
 from mipbake.base import disk, memory
 from mipbake.base.errors import InputError
 from mipbake.base.messages import listed, told_by
-from mipbake.source.images.declared import Declared, arranged, in_gltf
+from mipbake.source.images.declared import arranged, in_gltf
+from mipbake.source.images.image import Header, Image, Place
+from mipbake.source.images.png import PNG_SIGNATURE, check_png
 
 if TYPE_CHECKING:
     import OpenImageIO
@@ -30,39 +31,11 @@ IMAGE_SUFFIXES = frozenset(
     )
 )
 
-Place: TypeAlias = "tuple[int, str]"
-"""Part and layer of a file that has several."""
-
 _NATIVE = {"uint8": np.uint8, "uint16": np.uint16, "half": np.float16, "float": np.float32}
 """Types that texels keep, by the name that OpenImageIO has for them."""
 
 AT_ONCE = 1 << 20
 """Texels that are read together."""
-
-
-@dataclass(frozen=True)
-class Header:
-    """What is known of an image: size in texels, number of channels, the index of alpha (-1: none), stored type, and
-    what the file says of it, which size and channels follow already.
-    """
-
-    path: Path
-    width: int
-    height: int
-    channels: int
-    alpha: int
-    depth: str
-    declared: Declared = field(default_factory=Declared)
-
-    @property
-    def colour_space(self) -> str | None:
-        """The colour space that the file tells for its colours."""
-        return self.declared.colour.space
-
-    @property
-    def is_integer(self) -> bool:
-        """Whether values are stored as integers that stand for [0, 1]."""
-        return self.depth not in ("half", "float", "double")
 
 
 def read_header(path: Path, role: str = "", metadata: bool = True) -> Header:
@@ -76,17 +49,6 @@ def read_header(path: Path, role: str = "", metadata: bool = True) -> Header:
     if _is_other(path):
         return _other_header(path, disk.read_bytes(path), metadata)
     return _header(path, _open(path), role, metadata)
-
-
-@dataclass(frozen=True)
-class Image:
-    """A file's image: pixels (H, W, C) of uint8, uint16, float16 or float32 with the colours as stored, turned and
-    placed as the file says, its header, and the file's SHA-256 in hexadecimal.
-    """
-
-    pixels: NDArray[np.generic]
-    header: Header
-    sha256: str
 
 
 def read_image(path: Path, role: str | Place = "", metadata: bool = True) -> Image:
@@ -233,29 +195,6 @@ def _header(path: Path, image: OpenImageIO.ImageInput, role: str | Place, metada
 def _check_size(path: Path, width: int, height: int) -> None:
     if width < 1 or height < 1:
         raise InputError(f"{path} is {width} x {height} texels: expected at least 1 x 1; export it again")
-
-
-PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-
-
-def check_png(path: Path, file: BinaryIO) -> None:
-    """InputError for a PNG whose chunks are damaged or cut short: libpng fills what is missing silently, or prints to
-    the standard error itself.
-    """
-    size, at = file.seek(0, os.SEEK_END), len(PNG_SIGNATURE)
-    while at + 12 <= size:
-        file.seek(at)
-        length = int.from_bytes(file.read(4), "big")
-        if at + 12 + length > size:
-            break
-        chunk = file.read(4 + length)
-        if zlib.crc32(chunk) != int.from_bytes(file.read(4), "big"):
-            name = chunk[:4].decode("ascii", "replace")
-            raise InputError(f"{path} is damaged (checksum of {name} at byte {at}): export or download it again")
-        if chunk[:4] == b"IEND":
-            return
-        at += 12 + length
-    raise InputError(f"{path} is cut short after {size} bytes: export or download it again")
 
 
 def _check_finite(path: Path, pixels: NDArray[np.generic]) -> None:

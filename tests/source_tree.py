@@ -1,17 +1,31 @@
-"""Modules of the package, and what each imports, read from their syntax trees."""
+"""Modules of the package, where they lie in a checkout, and what each imports, read from their syntax trees."""
 
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator
+import sys
+from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
 
-from rooms.folders import ROOT, folders
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
+ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = "mipbake"
 NATIVE = f"{PACKAGE}._native"
 """The compiled core, which has no file of Python."""
+
+
+@cache
+def folders() -> Mapping[str, str]:
+    """Dotted names of packages to their folders, relative to ROOT, as pyproject.toml tells the build. Of two that have
+    a module, the later one counts."""
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    packages: Mapping[str, str] = settings["tool"]["scikit-build"]["wheel"]["packages"]
+    return {name.replace("/", "."): folder for name, folder in packages.items()}
 
 
 @cache
@@ -53,10 +67,10 @@ def _loaded(node: ast.AST) -> Iterator[ast.AST]:
             yield from _loaded(child)
 
 
-def imported(module: str) -> set[str]:
+def imported(module: str, loading: bool = False) -> set[str]:
     """Modules of the package that a module imports. A name that is no module belongs to the module that has it."""
     found = set()
-    for name in imports(module):
+    for name in imports(module, loading):
         while name and name not in modules() and name != NATIVE:
             name = name.rpartition(".")[0]  # noqa: PLW2901
         found |= {name} - {"", module}
