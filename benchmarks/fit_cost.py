@@ -32,8 +32,7 @@ from mipbake.fitting.parameters import Parameters
 from mipbake.fitting.renderer import new_stamps
 from mipbake.material.pixel_filter import level_sizes
 from mipbake.quality.environment import directional
-from mipbake.stack.content import Provenance
-from mipbake.stack.stack import MipStack
+from mipbake.stack.stack import MipStack, Provenance
 
 PIXELS = (64, 128, 256, 512)
 """Sides of images, of a stack of `STACK` texels a side, all of them at level of detail 0."""

@@ -18,13 +18,12 @@ from mipbake.cli.session import Session, failed, timings
 from mipbake.cli.tables import description, remarks_of
 from mipbake.source.jobs import Failure, Job
 from mipbake.source.texture_set import TextureSet
-from mipbake.stack.content import Provenance
 from mipbake.stack.costs import Cost
 from mipbake.stack.gltf.glb import output
 from mipbake.stack.output import GLB
 from mipbake.stack.packing import Normals
 from mipbake.stack.presets import Preset
-from mipbake.stack.stack import MipStack
+from mipbake.stack.stack import MipStack, Provenance
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,8 @@ from mipbake.source.jobs import Job
 from mipbake.source.options import LoadOptions
 from mipbake.source.texture_set import TextureSet
 from mipbake.stack.manifest import check_output
-from mipbake.stack.stack import MipStack, open_stack
+from mipbake.stack.saving import open_stack
+from mipbake.stack.stack import MipStack
 
 DEFAULT_VIEWS = 16
 """Views at each level of detail."""

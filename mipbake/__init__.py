@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from mipbake.source.loading import load, load_all
     from mipbake.source.texture_set import TextureSet
     from mipbake.stack.checking import Check
-    from mipbake.stack.stack import MipStack, open_stack
+    from mipbake.stack.saving import open_stack
+    from mipbake.stack.stack import MipStack
 
 __all__ = [
     "BakeOptions",
@@ -83,7 +84,7 @@ _HOMES = {
     "load": "source.loading",
     "load_all": "source.loading",
     "open_material": "baking.convert",
-    "open_stack": "stack.stack",
+    "open_stack": "stack.saving",
     "validate": "comparing.validate",
     "watch_library": "library",
 }

@@ -22,8 +22,7 @@ from mipbake.comparing.meshes.mesh_render import Frame, Reference
 from mipbake.comparing.meshes.render_file import write_render
 from mipbake.material.pixel_filter import level_sizes
 from mipbake.stack.containers import FORMATS
-from mipbake.stack.content import Provenance
-from mipbake.stack.stack import MipStack
+from mipbake.stack.stack import MipStack, Provenance
 
 SIZE = (96, 160)
 PATIENCE = 60  # seconds; it takes one, but the machine may have other work

@@ -6,8 +6,7 @@ import numpy as np
 
 from mipbake.material import convert
 from mipbake.material.pixel_filter import level_sizes
-from mipbake.stack.content import Provenance
-from mipbake.stack.stack import MipStack
+from mipbake.stack.stack import MipStack, Provenance
 
 
 def smooth(shape: tuple[int, int], channels: int, seed: int = 0) -> np.ndarray:

@@ -21,10 +21,10 @@ from mipbake.cli.main import main
 from mipbake.material.pixel_filter import FILTERS
 from mipbake.source.options import LoadOptions
 from mipbake.stack.containers import DEFAULT_FORMAT, FORMATS
-from mipbake.stack.content import Provenance
 from mipbake.stack.packing import PACKINGS
 from mipbake.stack.presets import PRESETS
 from mipbake.stack.promise import LevelPromise, Promise
+from mipbake.stack.stack import Provenance
 
 from .command_line import bumps, fails, tree, write_set
 

@@ -18,7 +18,8 @@ from mipbake.stack.gpu_files import GpuFile
 from mipbake.stack.manifest import read_output
 from mipbake.stack.output import Output
 from mipbake.stack.packing import SEPARATE
-from mipbake.stack.stack import MipStack, open_stack
+from mipbake.stack.saving import open_stack
+from mipbake.stack.stack import MipStack
 
 from .gpu_textures import halved, line_psnr, openimageio_levels, psnr, read_ktx2
 from .stacks import made_stack

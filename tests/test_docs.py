@@ -68,6 +68,7 @@ MADE_UP = ("tests/", "docs/engines/", "CHANGELOG.md")
 
 def test_python_files_and_modules_that_are_named_are_there() -> None:
     """In pages, in comments and in code."""
+
     def is_there(name: str) -> bool:
         """Whether a module is, or the first name that follows its own."""
         if name.startswith(NATIVE) or name == PROJECT:

@@ -20,8 +20,7 @@ from mipbake.fitting.parameters import Parameters
 from mipbake.fitting.renderer import new_stamps
 from mipbake.fitting.supersampled import supersampled
 from mipbake.material import MODELS
-from mipbake.stack.content import Provenance
-from mipbake.stack.stack import MipStack
+from mipbake.stack.stack import MipStack, Provenance
 
 from .fitting_small import (
     KERNEL,

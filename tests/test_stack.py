@@ -18,8 +18,8 @@ from mipbake.material.aim import Sampler
 from mipbake.material.pixel_filter import level_sizes
 from mipbake.source.layout import LAYOUTS, MANIFEST, extra_layout, from_file, to_file
 from mipbake.stack.containers import FORMATS, format_named
-from mipbake.stack.content import Provenance
-from mipbake.stack.stack import MipStack, open_stack
+from mipbake.stack.saving import open_stack
+from mipbake.stack.stack import MipStack, Provenance
 
 SIZES = [(16, 16), (5, 7), (13, 6), (1, 9), (9, 1), (1, 1), (70, 130)]
 NAMES = [f"{name}:{texels}" for name, kinds in FORMATS.items() for texels in kinds]

@@ -8,7 +8,7 @@ import pytest
 from mipbake.base.errors import OutputError
 from mipbake.stack.containers import FORMATS, format_named
 from mipbake.stack.manifest import check_output
-from mipbake.stack.stack import open_stack
+from mipbake.stack.saving import open_stack
 
 from .test_publish import without_exchange
 from .test_stack import assert_same, make_stack, tree

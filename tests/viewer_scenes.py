@@ -11,8 +11,7 @@ import numpy as np
 
 from mipbake.material import convert
 from mipbake.material.pixel_filter import level_sizes
-from mipbake.stack.content import Provenance
-from mipbake.stack.stack import MipStack
+from mipbake.stack.stack import MipStack, Provenance
 
 from .input_files import height_field
 

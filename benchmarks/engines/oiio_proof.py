@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from mipbake import MipStack
 from mipbake.material.pixel_filter import level_sizes
-from mipbake.stack.content import Provenance
+from mipbake.stack.stack import Provenance
 
 SIDE = 256
 _TEXELS = 64  # looked up a level

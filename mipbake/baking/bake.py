@@ -17,9 +17,8 @@ from mipbake.material.pixel_filter import filter_named, filtered_levels
 from mipbake.source.layout import channels_of
 from mipbake.source.opacity import covering, keeping_coverage, opacity_of, shown
 from mipbake.source.texture_set import TextureSet
-from mipbake.stack.content import Provenance, not_finite
 from mipbake.stack.packing import source_files
-from mipbake.stack.stack import MipStack
+from mipbake.stack.stack import MipStack, Provenance, not_finite
 
 DEFAULT_METHOD = "auto"
 DEFAULT_FILTER = "gaussian"

@@ -26,10 +26,10 @@ from mipbake.source.jobs import Job
 from mipbake.source.layout import manifest_name
 from mipbake.source.sources import Discovery, MapSource
 from mipbake.source.texture_set import TextureSet
-from mipbake.stack.content import Recipe
 from mipbake.stack.gltf.glb import made_from
 from mipbake.stack.manifest import read_manifest
 from mipbake.stack.map_files import listed_files
+from mipbake.stack.stack import Recipe
 
 NEW = "there is no result yet"
 _CHUNK = 1 << 20  # bytes that are hashed at a time

@@ -14,10 +14,9 @@ from mipbake.base.timings import Timings
 from mipbake.source.found import SetReport
 from mipbake.source.jobs import Failure, Job
 from mipbake.source.texture_set import TextureSet
-from mipbake.stack.content import Provenance
 from mipbake.stack.costs import Cost
 from mipbake.stack.gltf.glb_plain import PlainCost
-from mipbake.stack.stack import MipStack
+from mipbake.stack.stack import MipStack, Provenance
 
 if TYPE_CHECKING:
     from mipbake.baking.options import Asked

@@ -26,7 +26,6 @@ from mipbake.source.texture_set import TextureSet
 from mipbake.source.tiles import FIRST
 from mipbake.stack.checking import Check
 from mipbake.stack.compression import chosen, chosen_all, part_of
-from mipbake.stack.content import Recipe
 from mipbake.stack.costs import Cost
 from mipbake.stack.gltf.glb import Encoded, encoded, multiple_of_side, output
 from mipbake.stack.manifest import check_output, is_replaceable, is_stack_folder
@@ -35,7 +34,7 @@ from mipbake.stack.presets import Preset
 from mipbake.stack.ranges import chosen_ranges
 from mipbake.stack.sidecars import FORMAT, sidecar_named
 from mipbake.stack.split_tiles import stacks_of
-from mipbake.stack.stack import MipStack
+from mipbake.stack.stack import MipStack, Recipe
 
 _OWN_MEMORY = 160 << 20
 """Bytes that a bake takes whatever the size of the set. Measured, and a guess for other machines."""

@@ -39,8 +39,7 @@ from mipbake.quality.metrics import MEASURES, PAIR_SETS, check_color_video_vdp
 from mipbake.quality.samplers import RenderSampler, baked_for
 from mipbake.quality.texture_space import DEFAULT_POINTS, DEFAULT_SAMPLES, DEFAULT_SEED, MeasureEffort, TextureSpace
 from mipbake.source.texture_set import TextureSet
-from mipbake.stack.content import Provenance
-from mipbake.stack.stack import MipStack
+from mipbake.stack.stack import MipStack, Provenance
 from mipbake.stack.written import opened
 
 PhaseProgress = Callable[[str, float], None]

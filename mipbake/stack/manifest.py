@@ -15,7 +15,6 @@ from mipbake.material import MODELS
 from mipbake.material.aim import DEFAULT_SAMPLER, LOOKUPS, Sampler
 from mipbake.source.layout import MANIFEST, SCHEMA, manifests
 from mipbake.stack.containers import FORMATS
-from mipbake.stack.content import Content
 from mipbake.stack.map_files import (
     CONVENTIONS,
     MapFile,
@@ -26,6 +25,7 @@ from mipbake.stack.map_files import (
     read_files,
 )
 from mipbake.stack.output import Output
+from mipbake.stack.stack import MipStack
 
 SCHEMA_VERSION = 2
 
@@ -160,7 +160,7 @@ def _sampling(sampler: Sampler) -> str:
     )
 
 
-def manifest_of(stack: Content, plans: Sequence[tuple[Output, Sequence[MapFile]]]) -> dict[str, Any]:
+def manifest_of(stack: MipStack, plans: Sequence[tuple[Output, Sequence[MapFile]]]) -> dict[str, Any]:
     """Everything a reader must know to sample the maps."""
     height, width = stack.size
     return {

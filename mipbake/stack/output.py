@@ -10,9 +10,9 @@ from mipbake.source.images.quantise import fits
 from mipbake.source.layout import ENCODINGS, LAYOUTS, FileLayout, to_file
 from mipbake.source.tiles import name_without, names_tile
 from mipbake.stack.containers import DEFAULT_FORMAT, FORMATS, Container, format_named
-from mipbake.stack.content import Content
 from mipbake.stack.map_files import Levels, MapFile, row_blocks
 from mipbake.stack.packing import SEPARATE, SOURCE, Normals, pack
+from mipbake.stack.stack import MipStack
 
 BLOCK = 4
 """Texels along a side of a block."""
@@ -88,7 +88,7 @@ def check_outputs(outputs: Sequence[Output], model: str) -> None:
         raise UsageError(f"{', '.join(formats)}: expected every format once, files would have the same names")
 
 
-def planned(output: Output, content: Content, levels: int | None = None, beside: bool = False) -> list[MapFile]:
+def planned(output: Output, content: MipStack, levels: int | None = None, beside: bool = False) -> list[MapFile]:
     """The files of an output.
 
     Args:
@@ -132,7 +132,7 @@ def whole_blocks(levels: Levels) -> bool:
     return not any(side % BLOCK for side in levels[0].shape[:2])
 
 
-def block_warnings(outputs: Sequence[Output], content: Content, names_texels: bool = True) -> list[str]:
+def block_warnings(outputs: Sequence[Output], content: MipStack, names_texels: bool = True) -> list[str]:
     """A sentence for each output with files of blocks that some sizes do not fill.
 
     `names_texels`: whether outputs count whose format names their texels.

@@ -1,56 +1,83 @@
-"""The result of a bake: every level of every map, where it came from, and how it is written and read back.
-
-A stack lies in a folder: `stack.json`, which declares every convention, and the maps beside it. Stacks of UDIM tiles
-share a folder, each with a `stack.1001.json` of its own, so that engines find all tiles of a map in one place.
-"""
+"""A stack: every level of every map, and how it was made."""
 
 from __future__ import annotations
 
-import warnings
+import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
-from mipbake.base.errors import InputError, UsageError
-from mipbake.material import GLTF_MODELS, MODELS
-from mipbake.material.aim import sampler_from
-from mipbake.material.pixel_filter import filter_named
-from mipbake.source.layout import LAYOUTS, manifest_name
-from mipbake.stack.content import Content, Provenance
-from mipbake.stack.gltf.glb import Encoded, encoded, square
-from mipbake.stack.manifest import (
-    best_output,
-    check_output,
-    is_replaceable,
-    is_stack_folder,
-    manifest_of,
-    manifest_path,
-    read_back,
-    read_manifest,
-)
-from mipbake.stack.map_files import MapFile, listed_files, save_maps, write_files
-from mipbake.stack.output import GLB, Output, check_outputs, planned
-from mipbake.stack.packing import unpacked
-from mipbake.stack.presets import preset_named, wanted_outputs
-from mipbake.stack.promise import promise_from
-from mipbake.stack.sidecars import FORMAT, check_sidecar, sidecar_named
+from mipbake.base.errors import UsageError
+from mipbake.material import MODELS
+from mipbake.material.aim import Sampler, checked_aim
+from mipbake.material.pixel_filter import level_sizes
+from mipbake.source.layout import LAYOUTS, MapLayout, extra_layout
+from mipbake.stack.map_files import Levels, MapFile, row_blocks
+from mipbake.stack.packing import PackedFile
+
+if TYPE_CHECKING:
+    from mipbake.stack.checking import Check
+    from mipbake.stack.gltf.glb import Encoded
+    from mipbake.stack.output import Output
+    from mipbake.stack.promise import Promise
+
+Recipe: TypeAlias = Mapping[str, str]
+"""Hashes of what a result is made from: its "sources" and how they are read, the "options" and the "weights". What
+`mipbake bake` finds unchanged it need not bake again."""
 
 
-class Measures(Protocol):
-    """What measures files as they are written: `mipbake.Check`, which stands on this module."""
+@dataclass(frozen=True)
+class Provenance:
+    """How a stack was made. It holds no times and no machine, so that the same bake gives the same files.
 
-    def files(self, output: Output, written: Sequence[MapFile]) -> Mapping[str, Any]:
-        """`measured` of an output, plain types for JSON, from its files as they were read back."""
+    Args:
+        method: a name in `mipbake.baking.methods.METHODS`.
+        pixel_filter: the pixel filter that the levels are made for.
+        weights, weights_sha256: trained weights and their hash; None for closed forms.
+        budget: time that the method was given to optimise, as it was asked for; None where it set its own.
+        sampler: that the levels are made for. aim: what the method aimed at, from 0, SNR under single lights, to 1,
+            what people see. None for methods that take none, and in files of versions that knew none.
+        tool_version: version of mipbake.
+        sources: source file name to SHA-256 of its bytes.
+        source_hash: one hash of everything that level 0 was made from.
+        warnings: what a user should know, in sentences.
+        promise: how every level measured beside the best closed form, by methods that measure; None for others.
+        adjustments: what was changed after the bake, in sentences.
+        alpha_cutoff: what opacity is tested against, and keeps its coverage for; None where it is blended.
+        recipe: see `Recipe`; empty for stacks that were not baked from files.
 
-    def glb(self, textures: Encoded) -> Mapping[str, Any]:
-        """The same for the textures of a GLB, decoded."""
+    Raises:
+        UsageError: stacks are made for no such aim.
+    """
+
+    method: str
+    pixel_filter: str
+    weights: str | None = None
+    weights_sha256: str | None = None
+    budget: str | None = None
+    sampler: Sampler | None = None
+    aim: float | None = None
+    tool_version: str = ""
+    sources: Mapping[str, str] = field(default_factory=dict)
+    source_hash: str = ""
+    warnings: tuple[str, ...] = ()
+    promise: Promise | None = None
+    adjustments: tuple[str, ...] = ()
+    alpha_cutoff: float | None = None
+    recipe: Recipe = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Checks what may come from files."""
+        if self.aim is not None:
+            checked_aim(self.aim)
 
 
 @dataclass(frozen=True, eq=False)
-class MipStack(Content):
+class MipStack:
     """A complete MIP stack of one material.
 
     Args:
@@ -69,6 +96,55 @@ class MipStack(Content):
         UsageError: on construction, when model, sizes or channels are not as described, or a value is not finite.
     """
 
+    name: str
+    model: str
+    levels: Levels
+    extra: Mapping[str, Levels]
+    wrap: tuple[str, str]
+    provenance: Provenance
+    source_files: tuple[PackedFile, ...] = ()
+    tile: int = 0
+
+    def __post_init__(self) -> None:
+        """Checks the shapes."""
+        if self.model not in MODELS:
+            raise UsageError(f"unknown material model {self.model!r}: expected one of {', '.join(MODELS)}")
+        _check_chain("the material", self.levels, MODELS[self.model].channels)
+        for role, chain in self.extra.items():
+            if any(layout.name == role for layout in LAYOUTS[self.model]):
+                raise UsageError(f"the map {role} belongs to the model {self.model}: pass it in levels, not in extra")
+            _check_chain(f"the map {role}", chain, None)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(height, width) of level 0."""
+        height, width = self.levels[0].shape[:2]
+        return height, width
+
+    def maps(self) -> list[tuple[MapLayout, Levels]]:
+        """Every map that is written, with its levels: (H_L, W_L, channels of the map), views where possible."""
+        shading = [(m, [level[..., m.channels] for level in self.levels]) for m in LAYOUTS[self.model]]
+        plain = [(extra_layout(role, chain[0].shape[-1]), list(chain)) for role, chain in self.extra.items()]
+        return shading + plain
+
+    def about(self) -> str:
+        """How the stack was made, as JSON for the files themselves."""
+        made = self.provenance
+        return json.dumps(
+            {
+                "set": self.name,
+                "model": self.model,
+                "method": made.method,
+                "pixel_filter": made.pixel_filter,
+                "weights": made.weights,
+                "sampler": None if made.sampler is None else str(made.sampler),
+                "aim": made.aim,
+                "source_hash": made.source_hash,
+                "version": made.tool_version,
+                "wrap": list(self.wrap),
+            }
+        )
+
     def __repr__(self) -> str:
         """A description in one line."""
         height, width = self.size
@@ -86,7 +162,7 @@ class MipStack(Content):
         levels: int | None = None,
         glb: Encoded | None = None,
         preset: str | None = None,
-        measured: Measures | None = None,
+        measured: Check | None = None,
         known: bool = False,
         sidecar: str | None = None,
     ) -> list[Path]:
@@ -124,133 +200,33 @@ class MipStack(Content):
             UsageError: an unknown format or preset, or one that cannot hold this stack.
             OutputError: the folder cannot be written, or holds the stack of other source files.
         """
-        place = Path(path)
-        outputs, wants_glb = self._wanted(format, preset)
-        check_outputs(outputs, self.model)
-        check_output(place, None if known else self.provenance.sources)
-        if wants_glb and glb is None:
-            glb = encoded(replace(self, tile=0), None, levels)
-        plans = [(output, self.files(output, levels, len(outputs) > 1)) for output in outputs]
-        write_all = write_files([file for _, files in plans for file in files], self.wrap, self.about(), progress)
+        from mipbake.stack.saving import save
 
-        def write(folder: Path) -> None:
-            written = iter(write_all(folder))
-            progress(1.0)
-            if measured is not None:
-                for (output, files), entry in zip(plans, manifest["outputs"], strict=True):
-                    back = [next(written) for _ in files]
-                    known = [file for file in back if file is not None]
-                    found = known if len(known) == len(back) else read_back(folder, entry)
-                    entry["measured"] = measured.files(output, found)
-            if glb is not None:
-                manifest["outputs"].append(self._write_glb(folder, glb, measured))
-            if sidecar is not None:
-                manifest["outputs"].append(_write_sidecar(folder, sidecar, plans, self.tile))
-            manifest["bytes"] = {name: (folder / name).stat().st_size for name in listed_files(manifest)}
-
-        if sidecar is not None:
-            check_sidecar(sidecar)
-        manifest = manifest_of(self, plans)
-        ours = is_replaceable if known else is_stack_folder
-        saved = save_maps(place, manifest_name(self.tile), manifest, write, ours)
-        progress(1.0)
-        return saved
-
-    def _write_glb(self, folder: Path, glb: Encoded, measured: Measures | None) -> dict[str, Any]:
-        """Writes a square with the material, and returns its output for the manifest."""
-        told = glb if measured is None else replace(glb, measured=measured.glb(glb))
-        name = f"{self.name}.{GLB}"
-        (folder / name).write_bytes(square(self, told, self.provenance.alpha_cutoff))
-        found = {} if told.measured is None else {"measured": told.measured}
-        return {"format": GLB, "files": [name], "maps": {}, **found}
-
-    def _wanted(self, format: str | Sequence[Output] | None, preset: str | None) -> tuple[tuple[Output, ...], bool]:
-        """What `save` writes, and whether a GLB is."""
-        engine = None if preset is None else preset_named(preset)
-        if engine is not None:
-            height, width = self.size
-            allowed = [m for m in GLTF_MODELS if engine.anisotropic or not MODELS[m].anisotropic]
-            if self.model not in allowed:
-                raise UsageError(
-                    f"the preset {engine.name} takes stacks of {' or '.join(allowed)}, and {self.name!r} is of "
-                    f"{self.model}: bake it for the target gltf"
-                )
-            if not (format is None or isinstance(format, str)):
-                raise UsageError("outputs and a preset were both given: expected one of the two")
-            outputs, glb, finer = wanted_outputs(engine, format)
-            blocks = any(not output.container.exact for output in outputs)
-            for sentence in [*engine.check(width, height, blocks), *engine.check_sampler(self.provenance.sampler)]:
-                warnings.warn(sentence, stacklevel=3)
-        elif format is None or isinstance(format, str):
-            outputs, glb, finer = wanted_outputs(None, format)
-        else:
-            outputs, glb, finer = tuple(format), False, ()
-        if finer:
-            raise UsageError(
-                f"format {GLB}:{finer[0]} chooses texels by what they cost, which takes the source: bake it on the "
-                f"command line, or save {GLB}"
-            )
-        return outputs, glb
+        return save(self, Path(path), format, progress, levels, glb, preset, measured, known, sidecar)
 
     def files(self, output: Output, levels: int | None = None, beside: bool = False) -> list[MapFile]:
         """What `save` writes for an output: every file with its container, its channels and so many levels.
 
         `beside` other outputs, files that this one's texels cannot hold are left to them.
         """
+        from mipbake.stack.output import planned
+
         return planned(output, self, levels, beside)
 
 
-def _write_sidecar(
-    folder: Path, name: str, plans: Sequence[tuple[Output, Sequence[MapFile]]], tile: int
-) -> dict[str, Any]:
-    """Writes a sidecar, and returns its output for the manifest."""
-    made = sidecar_named(name, sidecar_files(plans), tile)
-    (folder / made.name).write_text(made.content, encoding="utf-8")
-    return {"format": name, "files": [made.name], "maps": {}}
+def _check_chain(what: str, chain: Sequence[NDArray[np.float32]], channels: int | None) -> None:
+    if not chain or any(level.ndim != 3 or level.dtype != np.float32 or not level.size for level in chain):
+        raise UsageError(f"{what} is not a chain of levels: expected float32 arrays (height, width, channels)")
+    channels = chain[0].shape[-1] if channels is None else channels
+    expected = [(*size, channels) for size in level_sizes(*chain[0].shape[:2])[: len(chain)]]
+    if [level.shape for level in chain] != expected or not 1 <= channels <= max(m.channels for m in MODELS.values()):
+        raise UsageError(f"{what} has levels of {[level.shape for level in chain]}: expected {expected}")
+    for index, level in enumerate(chain):
+        bad = not_finite(level)
+        if bad:
+            raise UsageError(f"{what} has {bad} values that are not finite at level {index}: expected none")
 
 
-def sidecar_files(plans: Sequence[tuple[Output, Sequence[MapFile]]]) -> list[MapFile]:
-    """The files that a sidecar is about. UsageError where no output has such."""
-    found = [list(files) for output, files in plans if output.container.name == FORMAT]
-    if not found:
-        raise UsageError(f"a sidecar is about files of the format {FORMAT}, which is not asked for: add it")
-    return found[0]
-
-
-def open_stack(path: str | Path) -> MipStack:
-    """Reads a stack that `MipStack.save` wrote, whatever its format, from its folder or by its `stack.1001.json`.
-
-    The values come from the files, as an engine samples them: vectors are unit only up to the rounding of the format.
-
-    Raises:
-        InputError: no stack there, a map that is missing or broken, or a schema of a later version.
-    """
-    file = manifest_path(path)
-    folder, manifest = file.parent, read_manifest(file)
-    try:
-        model = manifest["model"]
-        if model not in MODELS:
-            raise InputError(f"{file} names the model {model!r}: expected one of {', '.join(MODELS)}")
-        wrap = (str(manifest["wrap"]["u"]), str(manifest["wrap"]["v"]))
-        output = best_output(manifest)
-        found = read_back(folder, output)
-        chains = unpacked([(file.layout, file.levels) for file in found], model)
-        names = [layout.name for layout in LAYOUTS[model]]
-        provenance = _read_provenance(manifest["provenance"])
-        levels = [np.concatenate(parts, -1) for parts in zip(*(chains.pop(name) for name in names), strict=True)]
-        tile = int(manifest.get("tile", 0))
-        return MipStack(str(manifest["name"]), model, levels, chains, wrap, provenance, tile=tile)
-    except (KeyError, TypeError, ValueError, AttributeError, UsageError) as error:
-        raise InputError(f"{file} does not describe a stack ({error}): bake it again") from error
-
-
-def _read_provenance(content: Mapping[str, Any]) -> Provenance:
-    read = {
-        "warnings": tuple(content["warnings"]),
-        "promise": promise_from(content.get("promise")),
-        "adjustments": tuple(content.get("adjustments", ())),
-        "sampler": None if content.get("sampler") is None else sampler_from(content["sampler"]),
-    }
-    provenance = Provenance(**{**content, **read})
-    filter_named(provenance.pixel_filter)
-    return provenance
+def not_finite(level: NDArray[np.float32]) -> int:
+    """How many values of a level are NaN or infinite; row by row, because marks for all are a quarter of a level."""
+    return sum(int(rows.size - np.count_nonzero(np.isfinite(rows))) for rows in row_blocks(level))

@@ -27,7 +27,6 @@ from mipbake.source.images import ktx2
 from mipbake.source.images.blocks import from_blocks
 from mipbake.source.options import CARRIED, SHADING_ROLES
 from mipbake.source.texture_set import TextureSet
-from mipbake.stack.content import Content, Recipe
 from mipbake.stack.gltf.glb_plain import PlainCost, averaged_files
 from mipbake.stack.gltf.quad import QuadOptions, standalone
 from mipbake.stack.gltf.ranges import Ranges, usual_ranges
@@ -36,6 +35,7 @@ from mipbake.stack.gpu_files import KTX2, GpuFile
 from mipbake.stack.map_files import MapFile, quantised_levels, stood_for
 from mipbake.stack.output import GLB, GLB_TEXELS, Output, planned
 from mipbake.stack.packing import Normals
+from mipbake.stack.stack import MipStack, Recipe
 
 _OUTPUT = Output(f"ktx2:{GLB_TEXELS[0]}", "orm", Normals("opengl"))
 
@@ -71,7 +71,7 @@ class Encoded:
 
 
 def encoded(
-    stack: Content,
+    stack: MipStack,
     slots: Sequence[str] | None = None,
     levels: int | None = None,
     progress: Callable[[float], None] = lambda _share: None,
@@ -122,7 +122,7 @@ def encoded(
     return Encoded({slot: data for slot, (data, _) in made.items()}, files, _left_out(stack, files), ranges)
 
 
-def _left_out(stack: Content, files: Sequence[MapFile]) -> tuple[str, ...]:
+def _left_out(stack: MipStack, files: Sequence[MapFile]) -> tuple[str, ...]:
     """What is said of maps that no texture holds. Carried channels are named when they are read."""
     held = {channel.map for file in files for channel in file.layout.channels}
     reasons = {"emissive": "it has values above 1, which its textures of 8 bits do not hold"}
@@ -139,7 +139,7 @@ def output(finer: Sequence[str] = ()) -> Output:
     return replace(_OUTPUT, finer=tuple(finer))
 
 
-def square(stack: Content, made: Encoded, cutoff: float | None) -> bytes:
+def square(stack: MipStack, made: Encoded, cutoff: float | None) -> bytes:
     """A GLB of one square with the material of a stack. `cutoff`: what opacity is tested against; None: blended."""
     with_opacity = "opacity" in stack.extra
     mode = "OPAQUE" if not with_opacity else "BLEND" if cutoff is None else "MASK"
@@ -153,7 +153,7 @@ def square(stack: Content, made: Encoded, cutoff: float | None) -> bytes:
     return standalone(stack.name, made.maps, options, _about(stack, made))
 
 
-def _about(stack: Content, made: Encoded) -> dict[str, Any]:
+def _about(stack: MipStack, made: Encoded) -> dict[str, Any]:
     """How textures were made, and what they give back, for `asset.extras.mipbake`."""
     told: dict[str, Any] = json.loads(stack.about())
     return told if made.measured is None else {**told, "measured": made.measured}
@@ -162,7 +162,7 @@ def _about(stack: Content, made: Encoded) -> dict[str, Any]:
 def save_document(
     path: Path,
     document: Document,
-    results: Sequence[tuple[GltfBake, Content, Encoded]],
+    results: Sequence[tuple[GltfBake, MipStack, Encoded]],
     plain: Sequence[PlainTexture] = (),
     levels: int | None = None,
     recipe: Recipe | None = None,

@@ -33,8 +33,7 @@ from mipbake.source.images import ktx2
 from mipbake.source.images.blocks import from_blocks
 from mipbake.source.jobs import Job
 from mipbake.source.texture_set import TextureSet, source_model
-from mipbake.stack.content import Provenance
-from mipbake.stack.stack import MipStack
+from mipbake.stack.stack import MipStack, Provenance
 
 Levels = list[NDArray[np.float32]]
 

@@ -1,0 +1,179 @@
+"""How a stack is written and read back.
+
+A stack lies in a folder: `stack.json`, which declares every convention, and the maps beside it. Stacks of UDIM tiles
+share a folder, each with a `stack.1001.json` of its own, so that engines find all tiles of a map in one place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mipbake.base.errors import InputError, UsageError
+from mipbake.material import MODELS
+from mipbake.material.aim import sampler_from
+from mipbake.material.pixel_filter import filter_named
+from mipbake.source.layout import LAYOUTS, manifest_name
+from mipbake.stack.checking import Check
+from mipbake.stack.gltf.glb import Encoded, encoded, square
+from mipbake.stack.manifest import (
+    best_output,
+    check_output,
+    is_replaceable,
+    is_stack_folder,
+    manifest_of,
+    manifest_path,
+    read_back,
+    read_manifest,
+)
+from mipbake.stack.map_files import MapFile, listed_files, save_maps, write_files
+from mipbake.stack.output import GLB, Output, check_outputs, planned
+from mipbake.stack.packing import unpacked
+from mipbake.stack.promise import promise_from
+from mipbake.stack.sidecars import FORMAT, check_sidecar, sidecar_named
+from mipbake.stack.stack import MipStack, Provenance
+
+
+def save(
+    stack: MipStack,
+    place: Path,
+    format: str | Sequence[Output] | None,
+    progress: Callable[[float], None],
+    levels: int | None,
+    glb: Encoded | None,
+    preset: str | None,
+    measured: Check | None,
+    known: bool,
+    sidecar: str | None,
+) -> list[Path]:
+    """What `MipStack.save` does, which says what the arguments are."""
+    outputs, wants_glb = _wanted(stack, format, preset)
+    check_outputs(outputs, stack.model)
+    check_output(place, None if known else stack.provenance.sources)
+    if wants_glb and glb is None:
+        glb = encoded(replace(stack, tile=0), None, levels)
+    plans = [(output, planned(output, stack, levels, len(outputs) > 1)) for output in outputs]
+    write_all = write_files([file for _, files in plans for file in files], stack.wrap, stack.about(), progress)
+
+    def write(folder: Path) -> None:
+        written = iter(write_all(folder))
+        progress(1.0)
+        if measured is not None:
+            for (output, files), entry in zip(plans, manifest["outputs"], strict=True):
+                back = [next(written) for _ in files]
+                known = [file for file in back if file is not None]
+                found = known if len(known) == len(back) else read_back(folder, entry)
+                entry["measured"] = measured.files(output, found)
+        if glb is not None:
+            manifest["outputs"].append(_write_glb(stack, folder, glb, measured))
+        if sidecar is not None:
+            manifest["outputs"].append(_write_sidecar(folder, sidecar, plans, stack.tile))
+        manifest["bytes"] = {name: (folder / name).stat().st_size for name in listed_files(manifest)}
+
+    if sidecar is not None:
+        check_sidecar(sidecar)
+    manifest = manifest_of(stack, plans)
+    ours = is_replaceable if known else is_stack_folder
+    saved = save_maps(place, manifest_name(stack.tile), manifest, write, ours)
+    progress(1.0)
+    return saved
+
+
+def _write_glb(stack: MipStack, folder: Path, glb: Encoded, measured: Check | None) -> dict[str, Any]:
+    """Writes a square with the material, and returns its output for the manifest."""
+    told = glb if measured is None else replace(glb, measured=measured.glb(glb))
+    name = f"{stack.name}.{GLB}"
+    (folder / name).write_bytes(square(stack, told, stack.provenance.alpha_cutoff))
+    found = {} if told.measured is None else {"measured": told.measured}
+    return {"format": GLB, "files": [name], "maps": {}, **found}
+
+
+def _wanted(
+    stack: MipStack, format: str | Sequence[Output] | None, preset: str | None
+) -> tuple[tuple[Output, ...], bool]:
+    """What `save` writes, and whether a GLB is."""
+    engine = None if preset is None else preset_named(preset)
+    if engine is not None:
+        height, width = stack.size
+        allowed = [m for m in GLTF_MODELS if engine.anisotropic or not MODELS[m].anisotropic]
+        if stack.model not in allowed:
+            raise UsageError(
+                f"the preset {engine.name} takes stacks of {' or '.join(allowed)}, and {stack.name!r} is of "
+                f"{stack.model}: bake it for the target gltf"
+            )
+        if not (format is None or isinstance(format, str)):
+            raise UsageError("outputs and a preset were both given: expected one of the two")
+        outputs, glb, finer = wanted_outputs(engine, format)
+        blocks = any(not output.container.exact for output in outputs)
+        for sentence in [*engine.check(width, height, blocks), *engine.check_sampler(stack.provenance.sampler)]:
+            warnings.warn(sentence, stacklevel=4)
+    elif format is None or isinstance(format, str):
+        outputs, glb, finer = wanted_outputs(None, format)
+    else:
+        outputs, glb, finer = tuple(format), False, ()
+    if finer:
+        raise UsageError(
+            f"format {GLB}:{finer[0]} chooses texels by what they cost, which takes the source: bake it on the "
+            f"command line, or save {GLB}"
+        )
+    return outputs, glb
+
+
+def _write_sidecar(
+    folder: Path, name: str, plans: Sequence[tuple[Output, Sequence[MapFile]]], tile: int
+) -> dict[str, Any]:
+    """Writes a sidecar, and returns its output for the manifest."""
+    made = sidecar_named(name, sidecar_files(plans), tile)
+    (folder / made.name).write_text(made.content, encoding="utf-8")
+    return {"format": name, "files": [made.name], "maps": {}}
+
+
+def sidecar_files(plans: Sequence[tuple[Output, Sequence[MapFile]]]) -> list[MapFile]:
+    """The files that a sidecar is about. UsageError where no output has such."""
+    found = [list(files) for output, files in plans if output.container.name == FORMAT]
+    if not found:
+        raise UsageError(f"a sidecar is about files of the format {FORMAT}, which is not asked for: add it")
+    return found[0]
+
+
+def open_stack(path: str | Path) -> MipStack:
+    """Reads a stack that `MipStack.save` wrote, whatever its format, from its folder or by its `stack.1001.json`.
+
+    The values come from the files, as an engine samples them: vectors are unit only up to the rounding of the format.
+
+    Raises:
+        InputError: no stack there, a map that is missing or broken, or a schema of a later version.
+    """
+    file = manifest_path(path)
+    folder, manifest = file.parent, read_manifest(file)
+    try:
+        model = manifest["model"]
+        if model not in MODELS:
+            raise InputError(f"{file} names the model {model!r}: expected one of {', '.join(MODELS)}")
+        wrap = (str(manifest["wrap"]["u"]), str(manifest["wrap"]["v"]))
+        output = best_output(manifest)
+        found = read_back(folder, output)
+        chains = unpacked([(file.layout, file.levels) for file in found], model)
+        names = [layout.name for layout in LAYOUTS[model]]
+        provenance = _read_provenance(manifest["provenance"])
+        levels = [np.concatenate(parts, -1) for parts in zip(*(chains.pop(name) for name in names), strict=True)]
+        tile = int(manifest.get("tile", 0))
+        return MipStack(str(manifest["name"]), model, levels, chains, wrap, provenance, tile=tile)
+    except (KeyError, TypeError, ValueError, AttributeError, UsageError) as error:
+        raise InputError(f"{file} does not describe a stack ({error}): bake it again") from error
+
+
+def _read_provenance(content: Mapping[str, Any]) -> Provenance:
+    read = {
+        "warnings": tuple(content["warnings"]),
+        "promise": promise_from(content.get("promise")),
+        "adjustments": tuple(content.get("adjustments", ())),
+        "sampler": None if content.get("sampler") is None else sampler_from(content["sampler"]),
+    }
+    provenance = Provenance(**{**content, **read})
+    filter_named(provenance.pixel_filter)
+    return provenance
