@@ -6,19 +6,19 @@ share a folder, each with a `stack.1001.json` of its own, so that engines find a
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from mipbake.base.errors import InputError, UsageError
-from mipbake.material import MODELS
+from mipbake.material import GLTF_MODELS, MODELS
 from mipbake.material.aim import sampler_from
 from mipbake.material.pixel_filter import filter_named
 from mipbake.source.layout import LAYOUTS, manifest_name
-from mipbake.stack.checking import Check
 from mipbake.stack.gltf.glb import Encoded, encoded, square
 from mipbake.stack.manifest import (
     best_output,
@@ -33,9 +33,13 @@ from mipbake.stack.manifest import (
 from mipbake.stack.map_files import MapFile, listed_files, save_maps, write_files
 from mipbake.stack.output import GLB, Output, check_outputs, planned
 from mipbake.stack.packing import unpacked
+from mipbake.stack.presets import preset_named, wanted_outputs
 from mipbake.stack.promise import promise_from
 from mipbake.stack.sidecars import FORMAT, check_sidecar, sidecar_named
 from mipbake.stack.stack import MipStack, Provenance
+
+if TYPE_CHECKING:
+    from mipbake.stack.checking import Check
 
 
 def save(
