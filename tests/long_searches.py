@@ -47,7 +47,7 @@ def without_pauses(change: Callable[[object, str, Any], None] = setattr) -> None
 
 def with_many_regions(change: Callable[[object, str, Any], None] = setattr) -> None:
     """Bakes by `refine` make this search."""
-    module = importlib.import_module("mipbake.bake")
+    module = importlib.import_module("mipbake.baking.bake")
     plain = module.method_named
 
     def named(name: str, *options: Any) -> Any:

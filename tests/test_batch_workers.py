@@ -222,7 +222,7 @@ def test_signals_wait_from_the_first_moment_of_a_process(tmp_path: Path) -> None
     script = """
         import multiprocessing, threading, time
         from pathlib import Path
-        from mipbake.batch import BatchOptions, bake_library
+        from mipbake.library import BatchOptions, bake_library
         from mipbake.baking import BakeOptions
 
         def watch():

@@ -28,7 +28,7 @@ from mipbake.stack.stack import Provenance
 
 from .command_line import bumps, fails, tree, write_set
 
-PIPELINE = import_module("mipbake.bake")  # the module: mipbake.bake is the function
+PIPELINE = import_module("mipbake.baking.bake")
 
 
 @pytest.fixture

@@ -19,7 +19,7 @@ from mipbake.stack.stack import MipStack
 
 from .command_line import bumps, fails, tree, write_png, write_set
 
-PIPELINE = import_module("mipbake.bake")  # the module: mipbake.bake is the function
+PIPELINE = import_module("mipbake.baking.bake")
 
 
 @pytest.fixture

@@ -284,7 +284,7 @@ def test_temporary_files_of_killed_processes_are_removed_and_no_others(tmp_path:
     code = """
 import sys
 from pathlib import Path
-from mipbake.io.publish import temporary_folder
+from mipbake.base.publish import temporary_folder
 
 with temporary_folder(Path(sys.argv[1])) as folder:
     (folder / "large").write_text("text")

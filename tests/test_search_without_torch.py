@@ -16,9 +16,9 @@ sys.modules["torch"] = None  # importing it is an error from here on
 
 import numpy as np
 
-from mipbake.judging.probes import ProbeEffort
-from mipbake.prefilter.search import methods
-from mipbake.prefilter.search.descent_effort import DescentEffort
+from mipbake.quality.judging.probes import ProbeEffort
+from mipbake.baking.search import methods
+from mipbake.baking.search.descent_effort import DescentEffort
 
 few = ProbeEffort(groups=2, points=4, samples=2, pictures=8, picture_samples=2)
 one = DescentEffort(rounds=2, pairs=8, looks=few)
