@@ -87,7 +87,7 @@ def test_a_stack_of_another_set_is_refused(folder, tmp_path, capsys):
 
 FAILING = """
     from mipbake.fitting.kernels import TorchRenderer
-    from mipbake.errors import RendererError
+    from mipbake.base.errors import RendererError
 
     class Failing(TorchRenderer):
         calls = 0

@@ -163,7 +163,7 @@ BAKE = """
 import sys
 from pathlib import Path
 from mipbake import bake, load
-from mipbake.memory import limited
+from mipbake.base.memory import limited
 with limited(sys.argv[2]):
     bake(load(sys.argv[1]), "linear")
 print(next(line.split()[1] for line in Path("/proc/self/status").read_text().splitlines() if "VmHWM" in line))

@@ -30,7 +30,7 @@ def test_the_weights_are_the_ones_of_the_code() -> None:
     assert said == {name: pytest.approx((weights.terms[name].counts, weights.terms[name].behind)) for name in TERMS}
     assert f"+ {weights.group_behind:g} sum over pair sets" in PAGE
     assert f"allowed = {weights.tie:g} + half the standard error" in PAGE
-    assert f"{weights.seen_tie:g} in place of {weights.tie:g} for what is seen" in PAGE
+    assert f"{weights.seen_tie:g} in place of {weights.tie:g} for visible errors" in PAGE
     assert f"/ aim, that is {weights.looks_worse:g} at the default aim" in " ".join(PAGE.split())
 
 

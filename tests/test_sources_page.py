@@ -9,8 +9,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs" / "sources.md"
-HEAD = ["section", "claim", "where", "state", "shown by"]
-STATES = ("reproduced", "differs", "not yet", "not here")
+HEAD = ["section", "claim", "state", "shown by"]
+STATES = ("reproduced", "differs", "not here")
 NAMED_TEST = re.compile(r"`(tests/[^`:]*)::([^`]*)`")
 NAMED_RECORD = re.compile(r"(waits for )?record `([^`]*)`")
 
