@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,8 +14,6 @@ from mipbake.material import MODELS as RECORDS
 Array = NDArray[np.float64]
 
 MODELS = dict(_native.models())
-TENSOR_MODELS = tuple(name for name in MODELS if RECORDS[name].of(Kind.LOG_TENSOR))
-"""Models with a log-roughness tensor."""
 SMALLEST_ALPHA = 0.002
 
 
@@ -30,6 +30,19 @@ def pairs(rng: np.random.Generator, *shape: int) -> tuple[Array, Array]:
     mirror = view * [-1, -1, 1] + 0.05 * rng.standard_normal((*shape, 3))
     light = np.where(rng.random((*shape, 1)) < 0.5, mirror / np.linalg.norm(mirror, axis=-1, keepdims=True), 0)
     return np.where(light.any(-1, keepdims=True), light, directions(rng, *shape)), view
+
+
+def frames(rng: np.random.Generator, N: int) -> Array:
+    """(N, 3, 3): random rotations, a half of them with one axis mirrored."""
+    q = np.linalg.qr(rng.standard_normal((N, 3, 3)))[0]
+    q[::2, 1] *= -1
+    return q
+
+
+def relative_error(got: Any, expected: Any) -> float:
+    zero = expected == 0
+    assert np.array_equal(got[zero], expected[zero])
+    return float(np.max(np.abs(got[~zero] - expected[~zero]) / np.abs(expected[~zero])))
 
 
 _UNIT = (Kind.REFLECTANCE, Kind.SHARE, Kind.ROUGHNESS)

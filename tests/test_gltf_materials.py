@@ -11,7 +11,6 @@ import pytest
 
 from mipbake.base.errors import InputError
 from mipbake.base.srgb import srgb_to_linear
-from mipbake.source.discover import find
 from mipbake.source.gltf.document import read_document
 from mipbake.source.gltf.materials import GltfBake, GltfMaterials, read_materials
 from mipbake.source.images.read import read_image
@@ -40,7 +39,8 @@ from .gltf_files import (
     many_materials,
     png,
 )
-from .input_files import height_field, write_image
+from .gltf_results import two_textures
+from .input_files import write_image
 
 KINDS = ("glb", "external", "embedded")
 STEMS = [image["name"].replace(" ", "_") for image in many_materials().json["images"]]
@@ -137,25 +137,6 @@ def test_of_many_materials_a_note_names_a_few(tmp_path: Path) -> None:
     assert note.startswith("material 0 (Simple), material 1 (m0)") and "(m2) and 197 more share" in note
 
 
-def test_the_sets_are_found_as_they_are_meant(tmp_path: Path) -> None:
-    """Through the discovery that loads them: paths, channels and what is left over."""
-    made = many_materials()
-    for bake in materials_of(made, tmp_path).bakes:
-        found = find(bake.files, bake.options)
-        assert {source.path for source in found.sources.values()} - {None} == set(bake.files)
-        assert not found.warnings and not found.ignored
-        for role, choice in bake.options.maps.items():
-            if isinstance(choice, str):
-                name, channels = choice.split(":")
-                source = found.sources[role]
-                assert (source.path, source.channels) == (tmp_path / "images" / name, channels)
-                assert not source.inverted
-                assert source.reason == "the document says so"
-        assert found.convention.decided_by in ("document", "flat")
-    files = sorted(path.name for path in (tmp_path / "images").iterdir())
-    assert files == sorted([f"{stem}.png" for stem in STEMS] + [f"made_{i}.png" for i in range(3)])
-
-
 def test_channels_arrive_in_their_roles(tmp_path: Path) -> None:
     bake = materials_of(many_materials(), tmp_path).bakes[0]
     loaded = load(bake.files, bake.options)
@@ -186,17 +167,6 @@ def test_factors_of_the_base_colour_stand_for_a_texture_that_is_not_there(tmp_pa
     assert bake.materials == (0, 1)
     pixels = load(bake.files, bake.options).maps["base_color"].pixels
     assert pixels[0, 0] == pytest.approx([0.3, 0.5, 0.3], abs=1e-4)
-
-
-def test_images_of_equal_bytes_are_one_texture(tmp_path: Path) -> None:
-    made = simple()
-    made.texture(made.image(png("normal", 8), "the same again"))
-    made.material("Again", normalTexture={"index": 1, "texCoord": 1})
-    made.texture(made.image(png("normal other", 8), "another"))
-    made.material("Another", normalTexture={"index": 2})
-    found = materials_of(made, tmp_path)
-    assert [bake.materials for bake in found.bakes] == [(0, 1), (2,)]
-    assert [file.name for file in found.bakes[0].files] == ["n.png"]
 
 
 def test_anisotropy_takes_strength_and_rotation_in(tmp_path: Path) -> None:
@@ -364,10 +334,57 @@ def test_images_keep_their_names(tmp_path: Path) -> None:
     assert [file.name for file in bake.files] == ["n_of_a.png"]
 
 
-def test_slopes_of_a_document_are_those_of_its_pixels(tmp_path: Path) -> None:
-    """Green is up, whatever the pixels look like."""
-    made = simple(size=32)
-    bake = only(made, tmp_path)
-    loaded = load(bake.files, bake.options)
-    assert loaded.convention.name == "opengl"
-    assert np.abs(loaded.maps["normal"].pixels - height_field(32, 32, seed=len("normal"))).max() < 0.02
+def warned(made: GltfFile, folder: Path, *pointers: object) -> list[str]:
+    """What is said of the animations that set what the pointers name."""
+    channels = [
+        {"sampler": 0, "target": {"path": "pointer", "extensions": {"KHR_animation_pointer": {"pointer": pointer}}}}
+        for pointer in pointers
+    ]
+    made.json["animations"] = [{"channels": channels, "samplers": [{"input": 0, "output": 1}]}]
+    found = read_materials(read_document(made.write(folder / "a")), folder)
+    return [warning for bake in found.bakes for warning in bake.warnings]
+
+
+@pytest.mark.parametrize(
+    ("member", "value"),
+    [
+        ("pbrMetallicRoughness/roughnessFactor", "0.5"),
+        ("pbrMetallicRoughness/metallicFactor", "1"),
+        ("normalTexture/scale", "2"),
+        ("extensions/KHR_materials_anisotropy/anisotropyStrength", "0.25"),
+        ("extensions/KHR_materials_anisotropy/anisotropyRotation", "0"),
+        ("alphaCutoff", "0.4"),
+    ],
+)
+def test_animations_of_what_is_baked_in_are_told(member: str, value: str, tmp_path: Path) -> None:
+    made = two_textures(png("normal"), png("mr"))
+    made.texture(made.image(png("leaves", channels=4), "leaves"))
+    material = made.json["materials"][0]
+    material["normalTexture"]["scale"] = 2
+    material["pbrMetallicRoughness"] |= {
+        "roughnessFactor": 0.5,
+        "baseColorTexture": {"index": 2},
+        "baseColorFactor": [1, 1, 1, 0.8],
+    }
+    material |= {"alphaMode": "MASK", "alphaCutoff": 0.4}
+    material["extensions"] = {"KHR_materials_anisotropy": {"anisotropyStrength": 0.25}}
+    (warning,) = warned(made, tmp_path, f"/materials/0/{member}")
+    assert f"material 0 (M): an animation sets {member}, which is baked in as {value}, its value at rest" in warning
+
+
+@pytest.mark.parametrize(
+    "pointer",
+    [
+        "/materials/0/emissiveFactor",
+        "/materials/0/pbrMetallicRoughness/baseColorFactor",
+        "/materials/1/pbrMetallicRoughness/roughnessFactor",
+        "/materials/0/extensions/KHR_materials_anisotropy/anisotropyStrength",
+        "/nodes/0/translation",
+        "/materials/x",
+        "",
+        None,
+        3,
+    ],
+)
+def test_other_animations_are_not(pointer: Any, tmp_path: Path) -> None:
+    assert warned(two_textures(png("normal"), png("mr")), tmp_path, pointer) == []

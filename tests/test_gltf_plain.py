@@ -92,13 +92,6 @@ def test_a_coat_that_is_not_seen_or_has_nothing_to_filter_is_none(tmp_path: Path
         assert [bake.name for bake in read(car(**coat), tmp_path).bakes] == ["Car"]
 
 
-def test_a_coat_alone_is_baked_too(tmp_path: Path) -> None:
-    made = car()
-    del made.json["materials"][0]["normalTexture"]
-    (coat,) = read(made, tmp_path).bakes
-    assert coat.name == "Car_clearcoat"
-
-
 def test_a_coat_apart_on_the_surface_or_inverted_is_told(tmp_path: Path) -> None:
     found = read(car(clearcoatNormalTexture={"index": COAT_NORMAL, "texCoord": 1}), tmp_path)
     assert len(found.bakes) == 1 and "the clearcoat of material 0 (Car)" in found.warnings[0]

@@ -15,7 +15,6 @@ from mipbake.source.texture_set import TextureSet
 from mipbake.stack.compression import chosen, cost
 from mipbake.stack.costs import LIMIT
 from mipbake.stack.gltf.glb import encoded, output, square
-from mipbake.stack.gltf.quad import QuadOptions, standalone
 from mipbake.stack.gltf.ranges import LEAST_SCALE, Ranges, roughness_factor, scale_within, usual_ranges
 from mipbake.stack.gltf.write import GltfResult, rewritten
 from mipbake.stack.map_files import MapFile
@@ -24,7 +23,7 @@ from mipbake.stack.ranges import chosen_ranges
 from mipbake.stack.stack import MipStack
 
 from .gltf_files import GltfFile, check_structure, image_of, ktx2, png
-from .gltf_results import opened, two_textures
+from .gltf_results import opened
 from .input_files import height_field
 
 STRETCHED = Ranges(0.125, 0.5)
@@ -60,13 +59,6 @@ def test_roughness_is_stretched_and_its_neighbours_stay() -> None:
         assert after[..., 1] == pytest.approx(2 * before[..., 1])
         assert np.array_equal(after[..., [0, 2]], before[..., [0, 2]])
     assert STRETCHED.shown(stored).levels[0] == pytest.approx(orm.levels[0])
-
-
-def test_files_without_such_values_are_left_alone() -> None:
-    colour = of(mirror()[1], "base_color")
-    assert STRETCHED.stored(colour) is colour
-    normal = of(mirror()[1], "normal")
-    assert Ranges().stored(normal) is Ranges().shown(normal) is normal
 
 
 @pytest.mark.parametrize("steepness", [0.0, 0.005, 0.1, 3.0])
@@ -126,25 +118,6 @@ def test_small_stacks_take_what_suits_most() -> None:
     texture_set = TextureSet.from_arrays("tiny", normal=height_field(4, 4, steepness=0.01), roughness=0.5)
     stack = mipbake.bake(texture_set, "linear")
     assert chosen_ranges(texture_set, stack) == usual_ranges(stack.levels, "gltf")
-
-
-def test_a_square_says_what_its_values_are_multiplied_by() -> None:
-    maps = {"normalTexture": ktx2(1), "metallicRoughnessTexture": ktx2(2)}
-    document, _ = check_structure(standalone("a", maps, QuadOptions(ranges=STRETCHED)))
-    material = document["materials"][0]
-    assert material["normalTexture"]["scale"] == 0.125
-    assert material["pbrMetallicRoughness"]["roughnessFactor"] == 0.5
-    assert material["pbrMetallicRoughness"]["metallicFactor"] == 1
-
-
-def test_a_document_says_what_its_values_are_multiplied_by(tmp_path: Path) -> None:
-    made = two_textures(png("n"), png("mr"))
-    document, bakes = opened(made, tmp_path)
-    maps = {"normalTexture": ktx2(1), "metallicRoughnessTexture": ktx2(2)}
-    results = [GltfResult(bake, maps, STRETCHED) for bake in bakes]
-    material = check_structure(rewritten(document, results, {}))[0]["materials"][0]
-    assert material["normalTexture"]["scale"] == 0.125
-    assert material["pbrMetallicRoughness"]["roughnessFactor"] == 0.5
 
 
 def test_materials_that_had_no_normal_texture_get_one_with_its_scale(tmp_path: Path) -> None:

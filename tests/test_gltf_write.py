@@ -14,15 +14,12 @@ from mipbake.source.gltf.materials import read_materials
 from mipbake.stack.gltf.write import GltfResult, rewritten
 
 from .gltf_files import (
-    APART,
     BASE,
     BRUSHED,
     COMBED,
     DRACO,
     FENCE,
     FENCE_NORMAL,
-    FOREIGN,
-    GLOW,
     LEATHER,
     LEAVES,
     NORMAL,
@@ -32,7 +29,6 @@ from .gltf_files import (
     SET1_NORMAL,
     SHIFTED,
     TWO_SETS,
-    UNLIT,
     check_structure,
     glb,
     image_of,
@@ -166,17 +162,6 @@ def test_indices_are_stable_and_unused_images_lose_their_bytes(tmp_path: Path) -
     assert all(binary.count(data) == 1 for data in shown)
 
 
-def test_what_others_use_stays(tmp_path: Path) -> None:
-    made = many_materials()
-    written, binary, _ = baked(made, tmp_path)
-    for index in (APART, GLOW, UNLIT):
-        assert written["materials"][index] == made.json["materials"][index]
-    assert image_of(written, binary, 10) == png("leaves", channels=4)
-    fuzz = written["materials"][FOREIGN]["extensions"]["EXT_example"]
-    assert fuzz == made.json["materials"][FOREIGN]["extensions"]["EXT_example"]
-    assert image_of(written, binary, fuzz["fuzzTexture"]["index"]) == png("normal foreign", 8)
-
-
 def test_without_results_the_document_is_the_same(tmp_path: Path) -> None:
     made = many_materials()
     for kind in KINDS:
@@ -193,30 +178,6 @@ def test_without_results_the_document_is_the_same(tmp_path: Path) -> None:
             assert image_of(written, binary, index) == view_of(
                 made.json, made.data, made.json["images"][index]["bufferView"]
             )
-
-
-def test_the_same_results_give_the_same_bytes(tmp_path: Path) -> None:
-    document, bakes = opened(many_materials(), tmp_path)
-    results = results_of(bakes, True)
-    assert rewritten(document, results, PROVENANCE) == rewritten(document, results, PROVENANCE)
-
-
-def test_an_occlusion_of_its_own_stays(tmp_path: Path) -> None:
-    made = two_textures(png("normal"), png("mr"))
-    made.texture(made.image(png("ao"), "ao"))
-    made.json["materials"][0]["occlusionTexture"] = {"index": 2}
-    written, binary, results = baked(made, tmp_path)
-    assert results[0].bake.options.maps["occlusion"] is None
-    assert written["materials"][0]["occlusionTexture"] == {"index": 2}
-    assert image_of(written, binary, 2) == png("ao")
-
-
-def test_an_occlusion_in_the_same_texture_follows(tmp_path: Path) -> None:
-    made = two_textures(png("normal"), png("mr"))
-    made.json["materials"][0]["occlusionTexture"] = {"index": 1, "texCoord": 1}
-    written, binary, results = baked(made, tmp_path)
-    assert written["materials"][0]["occlusionTexture"] == {"index": 1, "texCoord": 1}
-    assert image_of(written, binary, 1) == results[0].maps["metallicRoughnessTexture"]
 
 
 def test_further_chunks_addresses_and_odd_extras_stay(tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 import torch
 from hypothesis import given, settings
@@ -11,7 +10,7 @@ from torch import Tensor
 
 from mipbake.raster import interpolate, rasterize, reference
 
-from .raster_scenes import cube, flat, grid, needs_cuda, random_mesh, seen, threads
+from .raster_scenes import cube, needs_cuda, random_mesh, seen
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -69,20 +68,6 @@ def test_random_meshes(
         assert leaf is not leaves[1] or torch.all(leaf.grad[..., 2:] == 0)
 
 
-def test_linear_functions_are_reproduced() -> None:
-    """A function linear in the image, over any tessellation with w = 1, and its slopes per pixel."""
-    points, tri = grid(5, 4, seed=3)
-    H, W = 18, 12
-    rast, rast_db = rasterize(None, flat(points), tri, (H, W))
-    attr = torch.from_numpy(np.stack([3 * points[:, 0] - points[:, 1] + 0.5, points[:, 1], 1 + 0 * points[:, 0]], 1))
-    out, out_da = interpolate(attr, rast, tri, rast_db, [2, 0])
-    x = (2 * torch.arange(W).double() + 1) / W - 1
-    y = ((2 * torch.arange(H).double() + 1) / H - 1)[:, None]
-    torch.testing.assert_close(out[0], torch.stack([3 * x - y + 0.5, y + 0 * x, 1 + 0 * x * y], -1))
-    slopes = torch.tensor([0.0, 0.0, 3 * 2 / W, -2 / H], dtype=torch.float64)
-    torch.testing.assert_close(out_da[0], slopes.expand(H, W, 4), rtol=0, atol=1e-12)
-
-
 def test_projected_positions_return_to_their_pixels() -> None:
     """Interpolated clip-space positions project to their pixel's centre, in perspective, and move with it."""
     corners, tri = cube()
@@ -133,40 +118,6 @@ def test_empty_meshes_and_images() -> None:
     assert torch.all(attr.grad == 0) and torch.all(rast.grad == 0)
     assert interpolate(attr, torch.zeros(0, 3, 3, 4), none)[0].shape == (0, 3, 3, 2)
     assert interpolate(torch.rand(4, 0), rast, none)[0].shape == (1, 3, 3, 0)
-
-
-def test_arrays_equal_tensors() -> None:
-    rast, rast_db, tri = scene(8, (20, 30), 2, torch.float32)
-    attr = torch.randn(2, 20, 5)
-    tensors = interpolate(attr, rast, tri, rast_db, np.array([4, 0, 0]))
-    arrays = interpolate(*(t.numpy() for t in (attr, rast, tri, rast_db)), (4, 0, 0))
-    for tensor, array in zip(tensors, arrays, strict=True):
-        assert isinstance(array, np.ndarray) and np.array_equal(tensor.numpy(), array)
-
-
-def test_strided_inputs() -> None:
-    rast, rast_db, tri = scene(8, (9, 8), 2, torch.float32)
-    attr = torch.randn(2, 20, 5)
-    expected = interpolate(attr, rast, tri, rast_db, "all")
-    turned = [t.transpose(0, 1).contiguous().transpose(0, 1) for t in (attr, rast, tri, rast_db)]
-    for inputs in (turned, [t.numpy() for t in turned]):
-        for a, e in zip(interpolate(*inputs, "all"), expected, strict=True):
-            assert torch.equal(torch.as_tensor(a), e)
-
-
-def test_threads_change_nothing() -> None:
-    pos, tri = random_mesh(8, 3, 300, 200)
-    rast, rast_db = rasterize(None, pos, tri, (70, 90))
-    attr = torch.randn(1, 200, 6)
-    results = []
-    for count in (1, 2, 5):
-        with threads(count):
-            leaves = [t.clone().requires_grad_() for t in (attr, rast, rast_db)]
-            outputs = interpolate(leaves[0], leaves[1], tri, leaves[2], [1, 4])
-            sum((o * o.detach().cos()).sum() for o in outputs).backward()
-            results.append([*outputs, *(leaf.grad for leaf in leaves)])
-    for other in results[1:]:
-        assert all(torch.equal(a, b) for a, b in zip(other, results[0], strict=True))
 
 
 @needs_cuda

@@ -387,20 +387,6 @@ def test_an_inverted_green_is_directx(folder: Path, nodes: Sequence[str], expect
     assert mipbake.load(found.files, found.options).convention.name == expected
 
 
-def test_names_do_not_overrule_the_document(folder: Path) -> None:
-    (folder / "rough.png").rename(folder / "wood_gloss.png")
-    (folder / "metal.png").rename(folder / "wood_orm.png")
-    body = (
-        image("r", "float", "wood_gloss.png")
-        + image("m", "float", "wood_orm.png")
-        + material("standard_surface", link("specular_roughness", "r"), link("metalness", "m"))
-    )
-    found = only(document(folder, body))
-    loaded = mipbake.load(found.files, found.options)
-    assert loaded.maps["roughness"].pixels[..., 0] == pytest.approx(pixels_for("roughness", 16)[..., 0] / 255, abs=1e-6)
-    assert not loaded.maps["roughness"].source.inverted
-
-
 def test_the_document_decides_not_an_option(folder: Path) -> None:
     (folder / "normal.png").rename(folder / "wood_NormalDX.png")
     body = image("bumps", "vector3", "wood_NormalDX.png") + node(

@@ -1,4 +1,4 @@
-"""Pair sets and SNR."""
+"""Pair sets, measures that are ratios of sums (SNR, flicker), and confidence intervals over light-view pairs."""
 
 from __future__ import annotations
 
@@ -6,7 +6,22 @@ import numpy as np
 import pytest
 
 from mipbake.base.errors import UsageError
-from mipbake.quality.metrics import PAIR_SETS, pair_set, snr_db
+from mipbake.quality.metrics import (
+    PAIR_SETS,
+    bootstrap,
+    flicker_interval,
+    flicker_ratio,
+    flicker_ratio_from_sums,
+    flicker_snr_db,
+    flicker_sums,
+    mean_interval,
+    pair_set,
+    snr_db,
+    snr_from_sums,
+    snr_gain_interval,
+    snr_interval,
+    snr_sums,
+)
 from mipbake.quality.metrics.snr import MAX_SNR_DB
 
 
@@ -19,13 +34,6 @@ def test_pairs_are_unit_above_the_horizon_and_fixed_by_the_seed(name: str) -> No
         assert directions[:, 2].min() > 0
     assert (pair_set(name, 5).light == pairs.light).all()
     assert not np.allclose(pair_set(name, 6).light, pairs.light)
-
-
-def test_views_are_cosine_distributed() -> None:
-    """The mean of cos(theta) under cos(theta) / pi is 2/3; of its square, 1/2."""
-    z = pair_set("hemisphere", 0, 200_000).view[:, 2].astype(float)
-    assert z.mean() == pytest.approx(2 / 3, abs=3e-3)
-    assert (z * z).mean() == pytest.approx(1 / 2, abs=3e-3)
 
 
 def test_near_mirror_lights_spread_around_the_mirror_direction() -> None:
@@ -89,3 +97,139 @@ def test_lights_are_stratified_and_independent_of_views() -> None:
 def test_unknown_pair_set_lists_the_known_ones() -> None:
     with pytest.raises(UsageError, match="near-mirror, hemisphere"):
         pair_set("everywhere", 0)
+
+
+def estimates(seed: int = 0, noise: float = 0.1, shape: tuple[int, ...] = (16, 500, 3)):
+    rng = np.random.default_rng(seed)
+    truth = rng.random(shape) + 0.5
+    first, second = (truth + noise * rng.standard_normal(shape) for _ in range(2))
+    return truth + 0.05 * rng.standard_normal(shape), first, second
+
+
+def test_sums_of_pairs_add_up_to_the_snr() -> None:
+    p, r1, r2 = estimates()
+    sums = snr_sums(p, r1, r2)
+    assert sums.shape == (16, 3)
+    assert snr_from_sums(sums.sum(0)) == pytest.approx(snr_db(p, r1, r2), abs=1e-9)
+    assert snr_from_sums(sums) == pytest.approx([snr_db(*(a[k] for a in (p, r1, r2))) for k in range(16)], abs=1e-9)
+
+
+def test_snr_refuses_shapes_that_do_not_fit_and_passes_nan_on() -> None:
+    p, r1, r2 = estimates()
+    with pytest.raises(UsageError, match=r"second has shape \(1, 500, 3\) and first \(16, 500, 3\)"):
+        snr_db(p, r1, r2[:1])
+    with pytest.raises(UsageError, match="candidate has shape"):
+        snr_sums(p[..., :1], r1, r2)
+    p[0, 0, 0] = np.nan
+    assert np.isnan(snr_db(p, r1, r2))
+
+
+def test_flicker_by_hand() -> None:
+    """Two steps: the candidate changes by 2 and 1, the reference by 1 and 1; the changes differ by 1 and 0."""
+    candidate, reference = np.array([[0.0], [2.0], [3.0]]), np.array([[5.0], [6.0], [7.0]])
+    assert flicker_ratio(candidate, reference, reference) == pytest.approx((4 + 1) / (1 + 1))
+    assert flicker_snr_db(candidate, reference, reference) == pytest.approx(10 * np.log10(2 / 1))
+
+
+def test_reference_noise_does_not_bias_flicker() -> None:
+    rng = np.random.default_rng(0)
+    frames = rng.random((2, 40_000, 3))
+    noisy = [frames + 0.3 * rng.standard_normal(frames.shape) for _ in range(2)]
+    assert flicker_ratio(frames, *noisy) == pytest.approx(1, abs=0.03)
+    assert flicker_ratio(frames, noisy[0], noisy[0]) < 0.6
+
+
+def test_change_below_the_noise_is_no_figure() -> None:
+    rng = np.random.default_rng(0)
+    still = np.broadcast_to(rng.random((40_000, 3)), (2, 40_000, 3))
+    noisy = [still + 0.3 * rng.standard_normal(still.shape) for _ in range(2)]
+    assert np.isnan(flicker_ratio(rng.random(still.shape), *noisy))
+    assert np.isnan(flicker_ratio(still, still, still))
+
+
+def test_a_change_of_a_twentieth_of_the_noise_is_the_least_that_is_a_figure() -> None:
+    sums = np.array([[1.0, 0.049, 1.0], [1.0, 0.051, 1.0]])
+    ratio = flicker_ratio_from_sums(sums)
+    assert np.isnan(ratio[0]) and ratio[1] == pytest.approx(1 / 0.051)
+
+
+def test_sums_of_flicker_by_pair() -> None:
+    p, a, b = estimates(shape=(3, 8, 400, 3))
+    sums = flicker_sums(p, a, b, entry_axis=1)
+    assert sums.shape == (8, 3)
+    assert sums.sum(0) == pytest.approx(flicker_sums(p, a, b))
+    each = [flicker_ratio(p[:, k], a[:, k], b[:, k]) for k in range(8)]
+    assert flicker_ratio_from_sums(sums) == pytest.approx(each)
+    assert flicker_interval(sums).estimate == pytest.approx(flicker_ratio(p, a, b))
+
+
+@pytest.mark.parametrize("measure", [flicker_ratio, flicker_snr_db])
+def test_frames_that_do_not_fit(measure) -> None:
+    frames = np.random.default_rng(0).random((3, 20, 3))
+    with pytest.raises(UsageError, match="first has shape"):
+        measure(frames, frames[:2], frames)
+    with pytest.raises(UsageError, match="two frames or more"):
+        measure(frames[:1], frames[:1], frames[:1])
+    broken = frames.copy()
+    broken[1, 2, 0] = np.nan
+    with pytest.raises(UsageError, match="second has values that are not finite"):
+        measure(frames, frames, broken)
+
+
+def test_mean_intervals_cover_as_often_as_they_say() -> None:
+    rng = np.random.default_rng(0)
+    hits = 0
+    for _ in range(400):
+        interval = mean_interval(3 + rng.standard_normal(64), confidence=0.9)
+        assert interval.low <= interval.estimate <= interval.high
+        hits += interval.low <= 3 <= interval.high
+    assert 0.85 < hits / 400 < 0.94  # 0.9, three standard errors of 0.015 around what 64 values give
+
+
+def test_snr_intervals_cover_the_snr_of_all_pairs() -> None:
+    """Errors are exponential over pairs: an SNR of 10 log10(1 / 0.1) with infinitely many."""
+    rng = np.random.default_rng(0)
+    hits = 0
+    for _ in range(300):
+        sums = np.stack([1 + 0.5 * rng.random(64), 0.125 * rng.exponential(size=64), np.zeros(64)], -1)
+        interval = snr_interval(sums)
+        hits += interval.low <= 10 <= interval.high
+    assert 0.88 < hits / 300 < 0.98
+
+
+def test_a_gain_on_the_same_pairs_is_told_apart_where_the_figures_are_not() -> None:
+    rng = np.random.default_rng(0)
+    hard = 0.1 * rng.exponential(size=64) ** 2
+    rows = [np.stack([np.ones(64), share * hard, np.zeros(64)], -1) for share in (0.8, 1.0)]
+    better, worse = (snr_interval(r) for r in rows)
+    gain = snr_gain_interval(*rows)
+    assert better.low < worse.high
+    assert gain.estimate == pytest.approx(10 * np.log10(1 / 0.8))
+    assert 0 < gain.low <= gain.high == pytest.approx(gain.low, abs=1e-6)
+
+
+def test_intervals_are_fixed_by_their_seed() -> None:
+    values = np.random.default_rng(0).random(20)
+    assert mean_interval(values) == mean_interval(values)
+    assert mean_interval(values, seed=1) != mean_interval(values)
+    narrow, wide = (mean_interval(values, confidence) for confidence in (0.5, 0.99))
+    assert wide.low < narrow.low < narrow.high < wide.high
+
+
+def test_a_figure_that_some_resamples_lack_has_no_bounds() -> None:
+    """Only one pair changes at all: a third of the resamples miss it."""
+    sums = np.zeros((8, 3))
+    sums[0] = 1, 2, 0
+    interval = flicker_interval(sums)
+    assert interval.estimate == 0.5 and np.isnan(interval.low) and np.isnan(interval.high)
+
+
+def test_what_cannot_be_resampled() -> None:
+    with pytest.raises(UsageError, match="at least two pairs"):
+        snr_interval(np.ones((1, 3)))
+    with pytest.raises(UsageError, match="confidence is 1"):
+        mean_interval(np.ones(5), confidence=1)
+    with pytest.raises(UsageError, match="100 resamples"):
+        bootstrap(snr_from_sums, np.ones((5, 3)), resamples=10)
+    with pytest.raises(UsageError, match="the same light-view pairs"):
+        snr_gain_interval(np.ones((5, 3)), np.ones((6, 3)))

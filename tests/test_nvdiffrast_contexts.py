@@ -202,27 +202,6 @@ def test_handlers_of_the_program_get_the_messages(
     assert capsys.readouterr().err == ""
 
 
-@pytest.mark.parametrize("name", ["mipbake", "mipbake.nvdiffrast"])
-def test_handlers_below_the_root_count_too(
-    name: str, log_level: None, caplog: pytest.LogCaptureFixture, capsys: pytest.CaptureFixture[str]
-) -> None:
-    dr.set_log_level(0)
-    handler, logger = logging.NullHandler(), logging.getLogger(name)
-    root = logging.getLogger()
-    handlers = list(root.handlers)
-    logger.addHandler(handler)
-    try:
-        root.handlers.clear()
-        dr.RasterizeCudaContext(device="cpu")
-        assert capsys.readouterr().err == ""
-        logger.removeHandler(handler)
-        dr.RasterizeCudaContext(device="cpu")
-        assert capsys.readouterr().err.splitlines() == [INFO]
-    finally:
-        root.handlers[:] = handlers
-        logger.removeHandler(handler)
-
-
 WARNING = "mipbake.nvdiffrast: warning: torch finds no graphics card, so RasterizeGLContext rasterises on the processor"
 INFO = "mipbake.nvdiffrast: info: RasterizeCudaContext rasterises on cpu, without OpenGL"
 

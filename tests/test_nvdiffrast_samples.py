@@ -11,11 +11,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
-import OpenImageIO
 import pytest
 import torch
-
-import mipbake.nvdiffrast as dr
 
 from . import nvdiffrast_as_documented
 
@@ -106,44 +103,3 @@ def test_both_contexts_lead_to_the_same_figures(name: str, scripts: Path) -> Non
         assert content["settings"]["opengl"] == bool(option)
         figures.append(content["figures"])
     assert figures[0] == figures[1]
-
-
-def test_the_triangle_of_the_documentation(scripts: Path) -> None:
-    """Red at the lower left corner, green at the right, blue at the top, on black; either option, and one of them."""
-    shutil.copy(FITTING / "triangle.py", scripts)
-    pictures = []
-    for option in ("--cuda", "--opengl"):
-        importlib.import_module("triangle").main([option])
-        pictures.append(OpenImageIO.ImageBuf("tri.png").get_pixels("uint8"))
-    picture = pictures[0]
-    assert (picture == pictures[1]).all() and picture.shape == (256, 256, 3)
-    for row, column, channel in ((228, 28, 0), (228, 225, 1), (30, 27, 2)):
-        assert picture[row, column].argmax() == channel and picture[row, column, channel] > 240
-    assert not picture[:25].any() and not picture[60, 200].any()
-    inside = picture.any(-1)
-    assert abs(inside.mean() - 0.8 * 0.8 / 2) < 0.005
-    for arguments in ([], ["--cuda", "--opengl"]):
-        with pytest.raises(SystemExit):
-            importlib.import_module("triangle").main(arguments)
-
-
-def test_the_stand_in_refuses_what_is_not_documented() -> None:
-    """So the samples would fail if they took liberties."""
-    stand_in = nvdiffrast_as_documented.as_documented()
-    tri, uv = torch.tensor([[0, 1, 2]], dtype=torch.int32), torch.rand(1, 4, 4, 2)
-    context, pos = dr.RasterizeCudaContext("cpu"), torch.rand(1, 3, 4) + 1
-    derivatives = torch.rand(1, 4, 4, 4)
-    wide = torch.rand(1, 32, 160, 3)
-    for call in (
-        lambda: stand_in.rasterize(None, pos, tri, (4, 4)),
-        lambda: stand_in.rasterize(context, pos.double(), tri, (4, 4)),
-        lambda: stand_in.rasterize(context, torch.rand(1, 4, 3).mT, tri, (4, 4)),
-        lambda: stand_in.texture(wide, uv, derivatives),
-        lambda: stand_in.texture(torch.rand(1, 4, 4, 3), uv, boundary_mode="mirror"),
-        lambda: stand_in.texture(torch.rand(1, 4, 4, 3), uv, derivatives, filter_mode="anisotropic"),
-    ):
-        with pytest.raises(AssertionError):
-            call()
-    assert stand_in.texture(wide, uv, derivatives, max_mip_level=5).shape == (1, 4, 4, 3)
-    with pytest.raises(TypeError, match="missing a required argument: 'glctx'"):
-        stand_in.rasterize(ctx=context, pos=pos, tri=tri, resolution=(4, 4))

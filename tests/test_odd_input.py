@@ -18,7 +18,8 @@ from mipbake.shading import ops
 from mipbake.source.jobs import Job
 
 from .command_line import fails
-from .input_files import plain_set
+from .input_files import pixels_for, plain_set
+from .test_presets import run
 from .test_specular_glossiness import glossy
 
 MANY, MORE = "9" * 400, "9" * 5000
@@ -101,6 +102,9 @@ def test_indices_of_documents(tmp_path: Path, capsys: pytest.CaptureFixture[str]
         RuntimeError("can't start new thread"),
         RuntimeError("Resource temporarily unavailable"),
         RuntimeError("std::bad_alloc"),
+        ImportError("libtorch_cpu.so: failed to map segment from shared object"),
+        RuntimeError("[enforce fail] DefaultCPUAllocator: can't allocate memory: you tried to allocate 8 bytes."),
+        MemoryError("std::bad_alloc"),
         OSError(12, "Cannot allocate memory"),
         BlockingIOError(11, "Resource temporarily unavailable"),
         ValueError("Maximum allowed size exceeded"),
@@ -120,13 +124,15 @@ def test_what_the_system_refuses(
 
 TEXELS, LIGHT = torch.rand(5, 8), torch.tensor([[0.0, 0.0, 1.0]])
 TEXTURE, UV = torch.rand(1, 4, 4, 3), torch.rand(1, 2, 2, 2)
-POS, TRI = torch.rand(1, 3, 4), torch.zeros(1, 3, dtype=torch.int32)
+POS, TRI, RAST = torch.rand(1, 3, 4), torch.zeros(1, 3, dtype=torch.int32), torch.zeros(1, 2, 2, 4)
 DOORS: dict[str, Callable[[Any], object]] = {
     "material": lambda tensor: ops.shade("gltf", tensor(TEXELS), LIGHT, LIGHT),
     "light": lambda tensor: ops.shade("gltf", TEXELS, tensor(LIGHT), LIGHT),
     "tex": lambda tensor: sampling.texture(tensor(TEXTURE), UV),
     "uv": lambda tensor: sampling.texture(TEXTURE, tensor(UV)),
     "pos": lambda tensor: raster.rasterize(None, tensor(POS), TRI, (4, 4)),
+    "rast": lambda tensor: raster.interpolate(POS, tensor(RAST), TRI),
+    "color": lambda tensor: raster.antialias(tensor(RAST), RAST, POS, TRI),
 }
 KINDS: dict[str, Callable[[torch.Tensor], object]] = {
     "sparse": lambda tensor: tensor.to_sparse(),
@@ -150,3 +156,24 @@ def test_tensors_that_are_no_block_of_numbers(name: str, kind: str) -> None:
 def test_tensors_at_the_door_of_arrays(tensor: torch.Tensor) -> None:
     with pytest.raises(UsageError, match=r"^material is not an array of numbers .*ops\.shade takes torch tensors$"):
         shading.shade("gltf", tensor, LIGHT.numpy(), LIGHT.numpy())
+
+
+@pytest.mark.parametrize(
+    ("format", "height", "texels", "told"),
+    [
+        ("dds", 6, {"rgba8"}, "warning: dds: files of 8 x 6 texels are not compressed"),
+        ("ktx2", 6, {"rgba8"}, "warning: ktx2: files of 8 x 6 texels are not compressed"),
+        ("dds:bc", 6, {"bc"}, "warning: dds:bc: files of 8 x 6 texels are made of blocks"),
+        ("ktx2:uastc", 6, {"uastc"}, "resize the maps, or use --format ktx2:rgba8"),
+        ("dds:rgba8", 6, {"rgba8"}, ""),
+        ("dds:bc", 8, {"bc"}, ""),
+    ],
+)
+def test_sides_that_are_no_whole_blocks(format: str, height: int, texels: set[str], told: str, tmp_path: Path) -> None:
+    roles = {"base_color": "base_color", "normal_gl": "normal", "roughness": "roughness", "height": "height"}
+    plain_set(tmp_path / "wood", **{stem: pixels_for(role, 8)[:height] for stem, role in roles.items()})
+    code, said = run("bake", tmp_path / "wood", "-o", tmp_path / "out", "--method", "linear", "--format", format)
+    assert code == 0, said
+    (output,) = json.loads((tmp_path / "out" / "wood" / "stack.json").read_text())["outputs"]
+    assert {each["texels"] for each in output["maps"].values()} == texels
+    assert told in said and ("multiples of 4" in said) == bool(told)

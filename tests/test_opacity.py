@@ -77,18 +77,6 @@ def test_partly_covered_texels_count_by_their_opacity() -> None:
     np.testing.assert_allclose(stack.levels[1][0, 0, :3], 0.2 * colour[0, 0] + 0.8 * colour[0, 1], atol=1e-6)
 
 
-@pytest.mark.parametrize("pixel_filter", FILTERS)
-def test_a_constant_colour_stays(pixel_filter) -> None:
-    rng = np.random.default_rng(1)
-    opacity = rng.random((16, 12)) * (rng.random((16, 12)) > 0.3)
-    texture_set = TextureSet.from_arrays(
-        "leaf", normal=height_field(16, 12), roughness=0.5, base_color=np.full((16, 12, 3), 0.3), opacity=opacity
-    )
-    stack = mipbake.bake(texture_set, "linear", pixel_filter=pixel_filter)
-    for level in stack.levels:
-        np.testing.assert_allclose(level[..., :3], 0.3, atol=1e-5)
-
-
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("opacity", [None, 1.0, np.ones((4, 4))], ids=["none", "number", "map"])
 def test_sets_that_hide_nothing_are_bit_for_bit_as_without_opacity(method, opacity) -> None:
@@ -156,22 +144,6 @@ def test_coverage_is_kept_within_a_texel(height, width, seed, cutoff, density) -
         assert abs(passing(level, cutoff) - share * level.size) <= 1
 
 
-@pytest.mark.parametrize("cutoff", [0.1, 0.3, 0.5, 0.7, 0.9])
-@pytest.mark.parametrize("seed", range(4))
-def test_coverage_after_rounding_to_8_bits(cutoff, seed) -> None:
-    """Rounding moves what lies closer to the cutoff than half a code, and nothing else."""
-    rng = np.random.default_rng(seed)
-    mask = rng.random((32, 32, 1)).astype(np.float32)
-    kept = keeping_coverage(filtered_levels(mask, "box", BOTH), cutoff)
-    share = passing(kept[0], cutoff) / mask.size
-    for level in kept[1:]:
-        codes = np.floor(level * 255 + 0.5)
-        close = int((np.abs(level - cutoff) <= 0.5 / 255).sum())
-        found = int((codes / 255 >= cutoff).sum())
-        assert abs(found - share * level.size) <= 1 + close
-        assert abs(found - share * level.size) <= max(1, 0.03 * level.size)
-
-
 @pytest.mark.parametrize("cutoff", [0.3, 0.5, 0.8])
 def test_coverage_of_masks_of_0_and_1_is_the_nearest_that_a_factor_reaches(cutoff) -> None:
     """Their averages are often equal, and texels that are equal pass together."""
@@ -182,16 +154,6 @@ def test_coverage_of_masks_of_0_and_1_is_the_nearest_that_a_factor_reaches(cutof
         reachable = [passing(np.clip(plain * np.float32(cutoff / t), 0, 1), cutoff) for t in np.linspace(1e-3, 2, 997)]
         best = min(abs(count - share * level.size) for count in reachable)
         assert abs(passing(level, cutoff) - share * level.size) <= best + 1e-6
-
-
-def test_thin_wires_would_vanish_without() -> None:
-    """One column in eight: averaged once, nothing passes a cutoff of 0.6 any more."""
-    mask = np.zeros((16, 16, 1), np.float32)
-    mask[:, ::8] = 1
-    levels = filtered_levels(mask, "box", BOTH)
-    assert passing(levels[1], 0.6) == 0
-    kept = keeping_coverage(levels, 0.6)
-    assert passing(kept[1], 0.6) == levels[1].size / 4  # each is as wide as two of 16 now: the nearest to an eighth
 
 
 @pytest.mark.parametrize("value", [0.0, 1.0])

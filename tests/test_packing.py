@@ -18,7 +18,7 @@ from mipbake.stack.packing import PACKINGS, Normals, PackedFile, Piece, pack, so
 
 from . import packed_sets
 from .gpu_textures import openimageio_levels
-from .input_files import encoded, height_field
+from .input_files import encoded
 from .packed_sets import AO, COLOUR, METAL, NORMALS, OPACITY, OTHER, ROUGH, box_levels, grey
 from .stacks import gltf_level, smooth
 
@@ -287,17 +287,6 @@ def test_what_is_packed_can_be_unpacked(data) -> None:
     for layout, chain in maps:
         for back, level in zip(found[layout.name], chain, strict=True):
             np.testing.assert_allclose(back, level, atol=2e-3 if layout.name == "normal" else 1e-6)
-
-
-def test_directx_is_told_in_the_layout() -> None:
-    """What is packed for DirectX says so, channel by channel, and file values belong to the flipped vector."""
-    normal = height_field(4, 4).astype(np.float32)
-    maps = [(layout, [gltf_level((4, 4))[..., layout.channels]]) for layout in LAYOUTS["gltf"]]
-    maps = [(layout, [normal] if layout.name == "normal" else chain) for layout, chain in maps]
-    (file,) = (f for f in pack(maps, "separate", normals=Normals("directx")) if f[0].name == "normal")
-    layout, (level,) = file
-    values = to_file(level, layout.encodings, srgb=False)
-    np.testing.assert_allclose(values, (normal * [1, -1, 1] + 1) / 2, atol=1e-6)
 
 
 def test_what_is_not_baked_leaves_the_rest_in_its_place(tmp_path) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 import torch
@@ -9,7 +11,7 @@ from torch import Tensor
 
 from mipbake import raster, sampling
 
-from .raster_scenes import cube, grid, needs_cuda, projection, rotation, seen
+from .raster_scenes import cube, grid, needs_cuda, projection, random_mesh, seen
 
 
 def textured_quad(tilt: float) -> tuple[Tensor, Tensor, Tensor]:
@@ -80,67 +82,45 @@ def test_vertices_are_recovered_from_a_silhouette(device: str) -> None:
     assert (learned - target).norm(dim=1).max() < start / 20
 
 
-def test_vertex_colours_and_positions_of_a_cube() -> None:
-    """Both at once, from several views: positions by shading and silhouettes, colours by interpolation."""
+def test_arrays_in_any_layout_render_what_tensors_do() -> None:
+    pos, tri = random_mesh(8, 3, 300, 200)
+    attr, tex = torch.rand(3, 200, 2), torch.rand(1, 20, 12, 3)
+    topology = raster.antialias_construct_topology_hash(tri)
+
+    def render(*given: Any, kept: Any = None) -> list[Any]:
+        p, t, a, x = given
+        rast, rast_db = raster.rasterize(None, p, t, (70, 90))
+        uv, uv_da = raster.interpolate(a, rast, t, rast_db, diff_attrs="all")
+        image = raster.antialias(sampling.texture(x, uv, uv_da), rast, p, t, kept)
+        return [rast, rast_db, uv, uv_da, image]
+
+    expected = render(pos, tri, attr, tex)
+    assert all(t.any() for t in expected)
+    turned = [t.transpose(0, -1).contiguous().transpose(0, -1) for t in (pos, tri, attr, tex)]
+    for given in ((pos, tri, attr, tex), turned):
+        assert all(torch.equal(a, b) for a, b in zip(render(*given, kept=topology), expected, strict=True))
+        arrays = render(*(t.numpy() for t in given))
+        for array, tensor in zip(arrays, expected, strict=True):
+            assert isinstance(array, np.ndarray) and np.array_equal(array, tensor.numpy())
+
+
+@needs_cuda
+def test_a_render_with_cuda_is_that_of_the_cpu() -> None:
     corners, tri = cube()
-    rng = np.random.default_rng(3)
-    colors = torch.from_numpy(rng.uniform(size=(8, 3))).float()
-    matrices = []
-    for view in range(4):
-        camera = np.eye(4)
-        camera[:3, :3], camera[2, 3] = rotation(view), -4.0
-        matrices.append(torch.from_numpy((projection() @ camera).T).float())
-
-    def render(points: Tensor, color: Tensor) -> Tensor:
-        homogeneous = torch.cat([points, torch.ones_like(points[:, :1])], 1)
-        pos = torch.stack([homogeneous @ matrix for matrix in matrices])
-        rast, _ = raster.rasterize(None, pos, tri, (24, 24))
-        return raster.antialias(raster.interpolate(color[None], rast, tri)[0], rast, pos, tri)
-
-    goal = torch.from_numpy(corners).float()
-    with torch.no_grad():
-        images = render(goal, colors)
-    points = (goal + torch.from_numpy(rng.uniform(-0.2, 0.2, (8, 3))).float()).requires_grad_()
-    color = torch.full_like(colors, 0.5).requires_grad_()
-    start = float((points - goal).detach().norm())
-    optimizer = torch.optim.Adam([points, color], lr=0.02)
-    losses = []
-    for _ in range(100):
-        loss = torch.mean((render(points, color) - images) ** 2)
-        optimizer.zero_grad()
-        loss.backward()
-        optimizer.step()
-        losses.append(loss.item())
-    assert losses[-1] < losses[0] / 10
-    assert float((points - goal).detach().norm()) < start / 2
-
-
-def test_shading_in_texture_space_is_looked_up_like_a_colour() -> None:
-    """A texture of normals is lit texel by texel, shown on a mesh, and learned through both."""
-    pos, tri, uv = textured_quad(0.6)
-    light = torch.tensor([0.48, 0.6, 0.64])
-    rast, rast_db = raster.rasterize(None, pos, tri, (32, 32))
-    coordinates, uv_da = raster.interpolate(uv, rast, tri, rast_db, diff_attrs="all")
-
-    def render(slopes: Tensor) -> Tensor:
-        normals = torch.nn.functional.normalize(torch.cat([slopes, torch.ones_like(slopes[..., :1])], -1), dim=-1)
-        shaded = (normals @ light).clamp(min=0)[..., None]
-        return sampling.texture(shaded, coordinates, uv_da, boundary_mode="clamp")
-
-    wanted = 0.5 * torch.randn(1, 8, 8, 2, generator=torch.Generator().manual_seed(3))
-    seen_images = render(wanted)
-    flat_slopes = torch.zeros_like(wanted)
-    torch.testing.assert_close(render(flat_slopes), torch.full_like(seen_images, 0.64))
-    learned = flat_slopes.requires_grad_()
-    optimizer = torch.optim.Adam([learned], lr=0.05)
-    losses = []
-    for _ in range(60):
-        loss = torch.mean((render(learned) - seen_images) ** 2)
-        optimizer.zero_grad()
-        loss.backward()
-        optimizer.step()
-        losses.append(loss.item())
-    assert losses[-1] < losses[0] / 50
+    pos = torch.cat([seen(corners, 4.0, seed) for seed in range(3)])
+    uv = torch.from_numpy(np.random.default_rng(1).uniform(size=(8, 2))).float()
+    tex = torch.rand(1, 32, 32, 4)
+    results = []
+    for device in ("cpu", "cuda"):
+        p, t, a, x = (v.to(device) for v in (pos, tri, uv, tex))
+        p, a, x = (v.clone().requires_grad_() for v in (p, a, x))
+        rast, rast_db = raster.rasterize(None, p, t, (64, 80))
+        coordinates, uv_da = raster.interpolate(a, rast, t, rast_db, diff_attrs="all")
+        image = raster.antialias(sampling.texture(x, coordinates, uv_da), rast, p, t)
+        (image**2).mean().backward()
+        results.append([v.detach().cpu() for v in (image, p.grad, a.grad, x.grad)])
+    for gpu, cpu in zip(results[1], results[0], strict=True):
+        torch.testing.assert_close(gpu, cpu, rtol=1e-3, atol=1e-3 * float(cpu.abs().max()))
 
 
 def test_more_pixels_give_better_gradients_of_small_triangles() -> None:
@@ -172,35 +152,3 @@ def test_more_pixels_give_better_gradients_of_small_triangles() -> None:
     few, more = (np.mean([abs(gradient(n, each) / exact - 1) for each in shifts]) for n in (16, 64))
     assert few > 0.3
     assert more < few / 2
-
-
-def test_arrays_render_what_tensors_do() -> None:
-    pos, tri, uv = textured_quad(0.9)
-    tex = torch.rand(1, 20, 12, 3, generator=torch.Generator().manual_seed(2))
-    images = []
-    for convert in (lambda t: t, lambda t: t.numpy()):
-        p, t, attr, texels = (convert(x) for x in (pos, tri, uv, tex))
-        rast, rast_db = raster.rasterize(None, p, t, (31, 33))
-        coordinates, uv_da = raster.interpolate(attr, rast, t, rast_db, diff_attrs="all")
-        color = sampling.texture(texels, coordinates, uv_da)
-        images.append(raster.antialias(color, rast, p, t))
-    assert isinstance(images[1], np.ndarray) and np.array_equal(images[0].numpy(), images[1])
-
-
-@needs_cuda
-def test_a_render_with_cuda_is_that_of_the_cpu() -> None:
-    corners, tri = cube()
-    pos = torch.cat([seen(corners, 4.0, seed) for seed in range(3)])
-    uv = torch.from_numpy(np.random.default_rng(1).uniform(size=(8, 2))).float()
-    tex = torch.rand(1, 32, 32, 4)
-    results = []
-    for device in ("cpu", "cuda"):
-        p, t, a, x = (v.to(device) for v in (pos, tri, uv, tex))
-        p, a, x = (v.clone().requires_grad_() for v in (p, a, x))
-        rast, rast_db = raster.rasterize(None, p, t, (64, 80))
-        coordinates, uv_da = raster.interpolate(a, rast, t, rast_db, diff_attrs="all")
-        image = raster.antialias(sampling.texture(x, coordinates, uv_da), rast, p, t)
-        (image**2).mean().backward()
-        results.append([v.detach().cpu() for v in (image, p.grad, a.grad, x.grad)])
-    for gpu, cpu in zip(results[1], results[0], strict=True):
-        torch.testing.assert_close(gpu, cpu, rtol=1e-3, atol=1e-3 * float(cpu.abs().max()))

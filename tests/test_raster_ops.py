@@ -39,63 +39,6 @@ def scene(mode: str, dtype: torch.dtype = torch.float64) -> tuple[Tensor, Tensor
     return (positions, tri, None) if mode == "instanced" else (positions[0], tri, RANGES)
 
 
-@pytest.mark.parametrize("size", [(5, 7), (1, 1), (1, 9)])
-@pytest.mark.parametrize("mode", ["instanced", "range"])
-def test_gradcheck_of_rasterize(mode: str, size: tuple[int, int]) -> None:
-    pos, tri, ranges = scene(mode)
-
-    def differentiable(p: Tensor) -> tuple[Tensor, Tensor]:
-        rast, rast_db = rasterize(None, p, tri, size, ranges)
-        return rast[..., :2], rast_db
-
-    assert (rasterize(None, pos, tri, size, ranges)[0][..., 3] > 0).any()
-    assert torch.autograd.gradcheck(differentiable, pos.requires_grad_(), fast_mode=False)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("mode", ["instanced", "range", "one"])
-@pytest.mark.parametrize("diff_attrs", [None, "all", [2, 0, 2]])
-def test_gradcheck_of_interpolate(mode: str, diff_attrs: Any) -> None:
-    """Through all of attributes, barycentrics and their derivatives."""
-    pos, tri, ranges = scene("range" if mode == "range" else "instanced")
-    rast, rast_db = rasterize(None, pos, tri, (4, 3), ranges)
-    shape = {"instanced": (2, 9, 3), "range": (9, 3), "one": (1, 9, 3)}[mode]
-    attr = torch.rand(shape, generator=torch.Generator().manual_seed(1), dtype=torch.float64).requires_grad_()
-    uv, rest = rast[..., :2].clone().requires_grad_(), rast[..., 2:]
-
-    def call(a: Tensor, b: Tensor, d: Tensor) -> tuple[Tensor, ...]:
-        return interpolate(a, torch.cat([b, rest], -1), tri, d, diff_attrs)[: 1 if diff_attrs is None else 2]
-
-    derivatives = rast_db.clone().requires_grad_(diff_attrs is not None)
-    assert torch.autograd.gradcheck(call, (attr, uv, derivatives), fast_mode=False)
-
-
-@pytest.mark.parametrize("mode", ["instanced", "range"])
-def test_gradcheck_of_antialias(mode: str) -> None:
-    """The crossings of this scene are away from where another edge or pixel would take over."""
-    pos, tri, ranges = scene(mode)
-    rast, _ = rasterize(None, pos, tri, (6, 7), ranges)
-    color = torch.rand(*rast.shape[:3], 2, generator=torch.Generator().manual_seed(2), dtype=torch.float64)
-    leaves = color.requires_grad_(), pos.requires_grad_()
-    assert torch.autograd.gradcheck(lambda c, p: antialias(c, rast, p, tri), leaves, fast_mode=False)
-    (grad,) = torch.autograd.grad((antialias(color, rast, pos, tri) ** 2).sum(), pos)
-    assert (grad.abs().sum(-1) > 0).sum() > 5
-
-
-@pytest.mark.parametrize("mode", ["instanced", "range"])
-def test_gradcheck_of_a_render(mode: str) -> None:
-    """Gradients are checked from positions and attributes to the image, also through the derivatives."""
-    pos, tri, ranges = scene(mode)
-    attr = torch.rand(9, 2, generator=torch.Generator().manual_seed(3), dtype=torch.float64).requires_grad_()
-
-    def render(p: Tensor, a: Tensor) -> Tensor:
-        rast, rast_db = rasterize(None, p, tri, (5, 6), ranges)
-        out, out_da = interpolate(a, rast, tri, rast_db, [1])
-        return antialias(torch.cat([out, out_da.tanh()], -1), rast, p, tri)
-
-    assert torch.autograd.gradcheck(render, (pos.requires_grad_(), attr), fast_mode=False)
-
-
 @pytest.mark.parametrize("seed", range(4))
 def test_gradients_of_rasterize_are_the_twin_s(seed: int) -> None:
     """On random meshes, in float64 closely; in float32 as far as its results are rounded."""

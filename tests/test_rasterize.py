@@ -19,7 +19,7 @@ from torch import Tensor
 from mipbake.base.errors import UsageError
 from mipbake.raster import DepthPeeler, RasterizeContext, rasterize, reference
 
-from .raster_scenes import cube, flat, grid, needs_cuda, projection, random_mesh, rotation, seen, threads
+from .raster_scenes import cube, flat, grid, needs_cuda, projection, random_mesh, rotation, threads
 
 SIDES = st.integers(1, 20)
 SEEDS = st.integers(0, 2**32 - 1)
@@ -118,47 +118,6 @@ def test_watertight_plane(size: tuple[int, int], seed: int | None) -> None:
             assert torch.all(counts <= 1) and torch.all(counts[1:-1, 1:-1] == 1)
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_watertight_in_perspective(seed: int) -> None:
-    """The same for a plane that passes behind the eye, with pixels that the plane does not reach."""
-    points, tri = grid(7, 5, seed)
-    plane = np.concatenate([points * 30, np.full((len(points), 1), -1.0)], 1)
-    tilt = np.array([[1, 0, 0], [0, np.cos(1.3), -np.sin(1.3)], [0, np.sin(1.3), np.cos(1.3)]])
-    clip = np.concatenate([plane @ tilt.T, np.ones((len(plane), 1))], 1) @ projection(near=1e-3, far=1e3).T
-    pos = torch.from_numpy(clip).float()[None]
-    assert (pos[..., 3] < 0).any() and (pos[..., 3] > 0).any()
-    counts = cover_counts(pos, tri, (24, 24))
-    assert torch.all(counts <= 1) and 100 < counts.sum() < 24 * 24
-    corners = torch.tensor([[0, 7, 47], [0, 47, 40]], dtype=torch.int32)
-    assert torch.equal(counts, cover_counts(pos, corners, (24, 24)))
-
-
-@pytest.mark.parametrize("turn", range(3))
-def test_fans_cover_once(turn: int) -> None:
-    """Triangles all around a vertex at a pixel centre, and around one between four centres."""
-    for x, y in ((1 / 8, 3 / 8), (0.0, 0.25)):
-        angles = np.arange(9) * (2 * np.pi / 9) + turn * np.pi / 8
-        points = np.concatenate([[[x, y]], np.stack([np.cos(angles), np.sin(angles)], 1) * 3])
-        tri = torch.tensor([(0, 1 + k, 1 + (k + 1) % 9) for k in range(9)], dtype=torch.int32)
-        assert torch.all(cover_counts(flat(points, dtype=torch.float32), tri, (8, 8)) == 1)
-
-
-def test_closed_surfaces_are_entered_and_left() -> None:
-    """Each ray meets the boundary of a convex body twice or never."""
-    corners, tri = cube()
-    for seed in range(5):
-        counts = cover_counts(seen(corners, 5.0, seed), tri, (33, 31))
-        assert set(counts.unique().tolist()) == {0, 2}
-
-
-@pytest.mark.parametrize("turned", [False, True])
-def test_back_faces_are_drawn(turned: bool) -> None:
-    pos = flat(np.array([[-0.9, -0.9], [0.9, -0.9], [0.0, 0.9]]), dtype=torch.float32)
-    tri = torch.tensor([[0, 1, 2], [0, 2, 1]][turned : turned + 1], dtype=torch.int32)
-    rast, _ = rasterize(None, pos, tri, (9, 9))
-    assert rast[0, 4, 4, 3] == 1 and (rast[..., 3] > 0).sum() > 30
-
-
 def test_nothing_to_draw() -> None:
     pos, tri = random_mesh(0)
     none = torch.empty(0, 3, dtype=torch.int32)
@@ -179,25 +138,6 @@ def test_nothing_to_draw() -> None:
     empty = torch.empty(0, 20, 4)
     assert rasterize(None, empty, tri, (7, 5))[0].shape == (0, 7, 5, 4)
     assert rasterize(None, pos[0], tri, (7, 5), torch.empty(0, 2, dtype=torch.int32))[0].shape == (0, 7, 5, 4)
-
-
-@pytest.mark.parametrize("depth", [-1.0, 1.0])
-def test_planes_of_the_frustum_are_inside(depth: float) -> None:
-    rast, _ = rasterize(
-        None, flat(np.array([[-1.0, -1], [3, -1], [-1, 3]]), depth), torch.tensor([[0, 1, 2]]).int(), (4, 4)
-    )
-    assert torch.all(rast[..., 3] == 1) and torch.all(rast[..., 2] == depth)
-
-
-def test_the_near_plane_cuts_pixel_by_pixel() -> None:
-    """A ramp in depth along x shows exactly where it is between the planes, and so do z/w and the barycentrics."""
-    pos = flat(np.array([[-1.0, -1], [1, -1], [-1, 1], [1, 1]]))
-    pos[0, :, 2] = torch.tensor([-3.0, 3, -3, 3])
-    rast, _ = rasterize(None, pos, torch.tensor([[0, 1, 2], [1, 3, 2]]).int(), (3, 32))
-    x = (2 * torch.arange(32) + 1).double() / 32 - 1
-    expected = torch.where((3 * x).abs() <= 1, 3 * x, 0).expand(3, 32)
-    torch.testing.assert_close(rast[0, ..., 2], expected)
-    assert torch.equal(rast[0, ..., 3] > 0, (3 * x).abs().expand(3, 32) <= 1)
 
 
 def test_nearest_wins_and_the_first_of_equals() -> None:
@@ -265,15 +205,6 @@ def test_depth_peeling(dtype: torch.dtype) -> None:
     assert torch.all(rast == 0)
 
 
-def test_peeling_a_plane_leaves_nothing() -> None:
-    points, tri = grid(6, 6, seed=5)
-    pos = flat(points * 1.1, 0.3, torch.float32) * torch.linspace(1, 4, len(points))[:, None]
-    with DepthPeeler(RasterizeContext(), pos, tri, (20, 20)) as peeler:
-        assert torch.all(peeler.rasterize_next_layer()[0][..., 3] > 0)
-        second, second_db = peeler.rasterize_next_layer()
-        assert torch.all(second == 0) and torch.all(second_db == 0)
-
-
 def test_peelers_begin_again_and_work_in_with_alone() -> None:
     pos, tri = random_mesh(3)
     peeler = DepthPeeler(None, pos.requires_grad_(), tri, (8, 8), grad_db=False)
@@ -294,25 +225,6 @@ def test_peelers_begin_again_and_work_in_with_alone() -> None:
         assert torch.equal(ranged.rasterize_next_layer()[0][:1], second)
 
 
-@pytest.mark.parametrize("mode", ["instanced", "range"])
-def test_arrays_equal_tensors(mode: str) -> None:
-    pos, tri = random_mesh(11, 2, 30)
-    ranges = None
-    if mode == "range":
-        pos, ranges = pos[0], torch.tensor([[0, 20], [10, 20], [4, 0]], dtype=torch.int32)
-    context = RasterizeContext()
-    tensors = rasterize(context, pos, tri, (40, 30), ranges)
-    arrays = rasterize(context, pos.numpy(), tri.numpy(), (40, 30), None if ranges is None else ranges.numpy())
-    for tensor, array in zip(tensors, arrays, strict=True):
-        assert isinstance(array, np.ndarray) and np.array_equal(tensor.numpy(), array)
-    with (
-        DepthPeeler(None, pos, tri, (40, 30), ranges) as a,
-        DepthPeeler(None, pos.numpy(), tri.numpy(), (40, 30), None if ranges is None else ranges.numpy()) as b,
-    ):
-        for _ in range(3):
-            assert np.array_equal(a.rasterize_next_layer()[0].numpy(), b.rasterize_next_layer()[0])
-
-
 def test_arrays_need_no_torch() -> None:
     script = """
 import sys
@@ -329,15 +241,6 @@ with raster.DepthPeeler(ctx, pos, tri, (4, 4)) as peeler:
 assert "torch" not in sys.modules
 """
     subprocess.run([sys.executable, "-c", script], check=True)
-
-
-def test_strided_inputs() -> None:
-    pos, tri = random_mesh(4, 2)
-    expected = rasterize(None, pos, tri, (9, 14))
-    strided = pos.transpose(1, 2).contiguous().transpose(1, 2), tri.t().contiguous().t()
-    for inputs in (strided, tuple(t.numpy() for t in strided)):
-        for a, e in zip(rasterize(None, *inputs, (9, 14)), expected, strict=True):
-            assert torch.equal(torch.as_tensor(a), e)
 
 
 def test_threads_and_contexts_change_nothing() -> None:

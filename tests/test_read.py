@@ -56,12 +56,6 @@ def test_radiance_files_are_floats(tmp_path: Path) -> None:
     np.testing.assert_allclose(image.pixels, pixels, atol=10 / 128)
 
 
-@pytest.mark.parametrize(("height", "width"), [(1, 1), (1, 300), (300, 1), (17, 5)])
-def test_any_size_is_read(height: int, width: int, tmp_path: Path) -> None:
-    pixels = np.random.default_rng(0).integers(0, 256, (height, width, 3)).astype(np.uint8)
-    np.testing.assert_array_equal(read_image(write_image(tmp_path / "a.png", pixels)).pixels, pixels)
-
-
 def noise_file(folder: Path, suffix: str) -> Path:
     """An image of noise, so that no compressor makes it small."""
     pixels = np.random.default_rng(0).random((64, 64, 3)).astype(np.float32)

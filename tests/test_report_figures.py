@@ -202,13 +202,6 @@ def test_every_curve_is_drawn_and_a_gap_breaks_it() -> None:
     assert not any(re.search("nan|inf", str(a["d"])) for a in page.all("path"))
 
 
-def test_a_curve_of_one_level() -> None:
-    """A set of one texel has level 0 only."""
-    comparison = made_up(FEW, 16)
-    page = Page(curves(replace(comparison, curve=tuple(p for p in comparison.curve if p.lod == 0))))
-    assert len([a for a in page.all("path") if str(a["class"]).startswith("line ")]) == 6
-
-
 # ---- colours
 
 

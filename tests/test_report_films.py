@@ -138,13 +138,6 @@ def test_films_come_first_and_have_figures(report: Any) -> None:
     assert '"ColorVideoVDP at 37 pixels per degree": "9.25 JOD"' in str(figures[0])
 
 
-def test_progress_counts_films(tmp_path: Path) -> None:
-    told: list[float] = []
-    comparison = compared([], films=(filmed("wall", FEW),))
-    write_report(comparison, {}, None, tmp_path / "r", lambda _phase, share: told.append(share))
-    assert told == sorted(told) and told[-1] == 1 and told[-2] < 1
-
-
 def test_the_page_shows_films_of_what_stands_out_and_of_what_is_best() -> None:
     films = (filmed("floor"), filmed("wall"))
     jod = dict.fromkeys(NAMES, 8.0) | {"lean (box)": 9.0}

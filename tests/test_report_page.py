@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -17,18 +16,15 @@ from mipbake.base.errors import OutputError
 from mipbake.comparing.page import check_report, write_report
 from mipbake.comparing.page.markup import Html, element, joined, listed
 from mipbake.comparing.page.pictures import heat
-from mipbake.comparing.page.plain import plain
 from mipbake.comparing.page.scenes import flip_top
 from mipbake.comparing.page.texels import WINDOW, Window, cropped, view, view_names, window_side
 from mipbake.comparing.result import Comparison
 from mipbake.comparing.viewer import Source
 from mipbake.material import MODELS
 from mipbake.material.pixel_filter import level_sizes
-from mipbake.quality.figures import Method
-from mipbake.stack.stack import MipStack
 
 from .report_cases import NAMES, Page, made_up, made_up_stacks
-from .viewer_scenes import PROVENANCE, material, scene_of, stack_of
+from .viewer_scenes import material, scene_of, stack_of
 
 FEW = ("neural", "linear (box)", "lean (gaussian)")
 
@@ -284,23 +280,3 @@ def test_every_map_is_shown_level_by_level(tmp_path: Path, model: str) -> None:
     assert (occlusion == 128).all()
     normal = np.asarray(Image.open(next(f for f in maps if "normal--neural--level-0" in f.name)))
     assert normal[..., 2].mean() > 200  # blue is up, in the model that stores no z too
-
-
-def test_a_stack_without_levels_to_show_in_the_view_is_no_error(tmp_path: Path) -> None:
-    comparison = made_up(FEW[:2], 16)
-    one = MipStack("s", "gltf", [material("gltf", 1, 1)], {}, ("clamp", "wrap"), PROVENANCE)
-    page = write_report(comparison, {"neural": one}, None, tmp_path / "r")[0].read_text(encoding="utf-8")
-    assert scene_of(page)["stacks"][0]["sizes"] == [[1, 1]]
-
-
-def test_records_as_plain_types() -> None:
-    made = plain(
-        {"p": Path("a/b"), "n": np.float32(0.5), "a": np.arange(2), "i": math.inf, "m": Method("m", "m", "k", "g")}
-    )
-    assert made == {
-        "p": "a/b", "n": 0.5, "a": [0, 1], "i": None,
-        "m": {
-            "name": "m", "method": "m", "kernel": "k", "model": "g", "seconds": None, "path": None, "sampler": None,
-            "aim": None,
-        },
-    }  # fmt: skip

@@ -20,8 +20,6 @@ from .input_files import write_image
 from .quick_methods import quick_methods
 from .test_presets import run
 
-ROOT = Path(__file__).resolve().parent.parent
-
 
 def texture_set(size: int = 16, **maps: object) -> mipbake.TextureSet:
     rng = np.random.default_rng(size)
@@ -112,28 +110,3 @@ def test_what_an_engine_does_not_take_is_said(tmp_path: Path) -> None:
 def test_formats_are_called_format_everywhere() -> None:
     assert wanted_outputs(format="exr,glb") == ((Output(),), True, ())
     assert wanted_outputs(PRESETS["unity"]) == (PRESETS["unity"].outputs, False, ())
-
-
-def test_the_package_brings_its_types() -> None:
-    assert (ROOT / "mipbake" / "py.typed").is_file()
-
-
-@pytest.mark.parametrize(
-    ("system", "machine", "version", "comes"),
-    [
-        ("linux", "x86_64", "3.11", True),
-        ("win32", "AMD64", "3.13", True),
-        ("linux", "x86_64", "3.10", False),
-        ("darwin", "arm64", "3.12", False),
-        ("linux", "aarch64", "3.12", False),
-    ],
-)
-def test_the_encoder_of_glb_files_comes_where_it_has_builds(
-    system: str, machine: str, version: str, comes: bool
-) -> None:
-    """It also keeps no installation elsewhere from succeeding."""
-    requirements = pytest.importorskip("packaging.requirements")
-    text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
-    (line,) = (line.strip(' ",') for line in text.splitlines() if line.strip().startswith('"alktx2'))
-    environment = {"sys_platform": system, "platform_machine": machine, "python_version": version}
-    assert requirements.Requirement(line).marker.evaluate(environment) == comes

@@ -328,15 +328,6 @@ def test_patterns_tell_what_names_do_not(tmp_path: Path, capsys) -> None:
     assert "with * once" in fails(capsys, 2, "inspect", folder, "--map", "base_color=*_*.png")
 
 
-def test_a_base_colour_that_is_not_understood_is_asked_for_in_each_set(tmp_path: Path, capsys) -> None:
-    folder = substance(tmp_path, "Body", "Head")
-    (folder / "Head_BaseColor.png").rename(folder / "Head_clr.png")
-    assert main(["inspect", str(folder), "--json"]) == 3
-    out, err = capsys.readouterr()
-    assert [result["ok"] for result in json.loads(out)["results"]] == [True, False]
-    assert "images without a role: Head_clr.png" in err
-
-
 @pytest.mark.parametrize(
     "names",
     [
@@ -416,16 +407,6 @@ def test_a_stack_of_several_sets_that_is_not_there_is_told(tmp_path: Path, capsy
     run(capsys, "bake", tmp_path / "a", "-o", tmp_path / "out", "--method", "linear", "--format", "exr")
     assert main(["validate", str(tmp_path / "a"), str(tmp_path / "b"), str(tmp_path / "out"), *QUICK, "-q"]) == 3
     assert "holds no stack of b: expected " in capsys.readouterr().err
-
-
-def test_inspect_finds_what_is_cut_short(tmp_path: Path, capsys) -> None:
-    """In every map, not in the normal map alone; a damaged file leaves the other sources."""
-    broken, whole = plain_set(tmp_path / "broken"), plain_set(tmp_path / "whole")
-    data = (broken / "base_color.png").read_bytes()
-    (broken / "base_color.png").write_bytes(data[: len(data) * 2 // 3])
-    assert main(["inspect", str(broken), str(whole)]) == 3
-    out, err = capsys.readouterr()
-    assert f"{broken / 'base_color.png'} is cut short" in err and str(whole) in out
 
 
 @pytest.mark.long

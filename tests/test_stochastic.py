@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import io
 import math
-import os
-import subprocess
-import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -18,8 +14,6 @@ from numpy.typing import NDArray
 from mipbake import _native, stochastic
 from mipbake.base.errors import UsageError
 from mipbake.stochastic import Channels, Moments, reference
-
-from .raster_scenes import threads
 
 CHANNELS = Channels((0.1, 0.0, 0.02, 0.3), (0.0, -1.0, -0.5, 0.0), (1.0, 1.0, 2.0, 0.75))
 FREE = Channels((1.0,), (-math.inf,), (math.inf,))
@@ -76,16 +70,6 @@ def test_signs_are_balanced_and_independent_in_pairs() -> None:
     assert np.abs(means).max() < bound
 
 
-def test_signs_of_a_parameter_are_balanced_over_steps() -> None:
-    n = 4096
-    drawn = np.stack([signs(64, step, 9) for step in range(n)])
-    bound = 5 / math.sqrt(n)
-    assert np.abs(drawn.mean(0)).max() < bound
-    assert np.abs((drawn[1:] * drawn[:-1]).mean(0)).max() < bound * math.sqrt(n / (n - 1))
-    products = drawn.T @ drawn / n
-    assert np.abs(products - np.eye(64)).max() < bound * 1.1  # 2016 different products: 5.5 standard errors
-
-
 # Perturbing
 
 
@@ -100,18 +84,6 @@ def test_perturbed_values_are_the_twins(kind: str, dtype: str) -> None:
     close(plus, expected[0], dtype, 2)
     close(minus, expected[1], dtype, 2)
     assert np.array_equal(np.asarray(plus)[:, 1], values[:, 1])  # the magnitude 0: any value stays
-
-
-@each_dtype
-def test_perturbed_values_lie_within_limits_and_differ_by_two_magnitudes(dtype: str) -> None:
-    generator = np.random.default_rng(1)
-    for _ in range(300):
-        low, high = np.sort(generator.normal(size=2).astype(dtype).astype(float))
-        magnitude = float(np.dtype(dtype).type((high - low) / 2 * generator.random() * 0.999))
-        values = generator.uniform(low - 1, high + 1, (16, 1)).astype(dtype)
-        sides = stochastic.perturb(values, Channels((magnitude,), (low,), (high,)), 2)
-        assert all(low <= side.min() and side.max() <= high for side in sides)
-        close(np.abs(sides[0] - sides[1]), 2 * magnitude, dtype, max(abs(low), abs(high)))
 
 
 @each_kind
@@ -279,72 +251,6 @@ def test_steps_are_bounded_however_small_gradients_are() -> None:
 
 
 # Threads and instruction sets
-
-SCRIPT = """
-import math
-import numpy as np
-from mipbake import _native, stochastic
-from mipbake.stochastic import Channels, Moments
-
-
-def results():
-    generator = np.random.default_rng(0)
-    found = []
-    for dtype in (np.float32, np.float64):
-        channels = Channels((0.1, 0.0, 0.02, 0.3), (0.0,) * 4, (1.0,) * 4)
-        lifted = Channels((0.1, 0.1, 0.0, 0.3), (0.0,) * 4, (1.0,) * 4, 0)
-        values = generator.uniform(-0.2, 1.2, (9001, 4)).astype(dtype)
-        images = [generator.uniform(0, 1, (20011, 3)).astype(dtype) for _ in range(3)]
-        made_of = stochastic.contributions(generator.integers(-1, 9001, (20011, 4)).astype(np.int32))
-        for each in (channels, lifted):
-            sides = stochastic.perturb(values, each, 5, 6)
-            differences = stochastic.pixel_differences(*images, images[0][:, 0].copy())
-            gradient = np.zeros_like(values)
-            stochastic.add_gradient(gradient, differences, made_of, each, 5, 6)
-            found += [*sides, differences, gradient.copy()]
-            moments = Moments.of(values)
-            for _ in range(3):
-                slope = gradient.copy()
-                stochastic.descend(values, slope, moments, each)
-            found += [values.copy(), moments.first, moments.second]
-    uv = generator.uniform(-2, 3, (20011, 2)).astype(np.float32)
-    uv_da = (generator.normal(size=(20011, 4)) * 0.1).astype(np.float32)
-    for texels in ("nearest", "trilinear", "anisotropic"):
-        found.append(stochastic.touched_texels([(33, 17), (16, 8), (8, 4)], uv, None, uv_da, None, texels))
-    return found
-"""
-
-
-def test_bits_do_not_depend_on_the_number_of_threads() -> None:
-    here: dict[str, Any] = {}
-    exec(SCRIPT, here)
-    with threads(1):
-        expected = here["results"]()
-    for count in (2, 3, 7):
-        with threads(count):
-            found = here["results"]()
-        assert all(a.tobytes() == b.tobytes() for a, b in zip(found, expected, strict=True))
-
-
-@pytest.mark.parametrize("isa", ["baseline", "avx2", "avx512"])
-def test_every_instruction_set_agrees(isa: str) -> None:
-    """The kernels are compiled without contraction, so that all results have the same bits."""
-    if isa == _native.isa():
-        pytest.skip(f"{isa} is what the other tests use")
-    script = f"import sys\n{SCRIPT}\nnp.savez(sys.stdout.buffer, *results(), isa=_native.isa())"
-    run = subprocess.run(
-        [sys.executable, "-c", script], env={**os.environ, "MIPBAKE_ISA": isa}, capture_output=True, check=True
-    )
-    loaded = np.load(io.BytesIO(run.stdout))
-    if str(loaded["isa"]) != isa:
-        pytest.skip(f"this processor or build has no {isa}")
-    here: dict[str, Any] = {}
-    exec(SCRIPT, here)
-    expected = here["results"]()
-    found = [loaded[f"arr_{i}"] for i in range(len(expected))]
-    assert len(loaded.files) == len(expected) + 1
-    bad = [i for i, (a, b) in enumerate(zip(found, expected, strict=True)) if a.tobytes() != b.tobytes()]
-    assert bad == []
 
 
 # CUDA

@@ -71,14 +71,8 @@ REFUSED: list[tuple[Callable[[], object], str]] = [
         lambda: stochastic.add_gradient(G, D, stochastic.contributions(torch.zeros((1, 1)).int()), CH1, 0),
         r"made_of\.elements is a Tensor on cpu: expected a ndarray",
     ),
-    (
-        lambda: stochastic.add_gradient(G, D[:2], MADE, CH1, 0),
-        "differences has 2 pixels, and made_of names pixel 2: expected the same pixels",
-    ),
-    (
-        lambda: stochastic.add_gradient(G[:3], D, MADE, CH1, 0),
-        "gradient has 3 elements, and made_of names element 3: expected the same elements",
-    ),
+    (lambda: stochastic.add_gradient(G, D[:2], MADE, CH1, 0), "differences has 2 pixels, and made_of names pixel 2:"),
+    (lambda: stochastic.add_gradient(G[:3], D, MADE, CH1, 0), "gradient has 3 elements, and made_of names element 3:"),
     (lambda: stochastic.descend(frozen, G, MOMENTS, CH1), "values is not contiguous, or cannot be written to"),
     (lambda: stochastic.descend(V, double, MOMENTS, CH1), "gradient is float64: expected float32"),
     (lambda: stochastic.descend(V, G, Moments.of(double), CH1), r"moments\.first is float64"),

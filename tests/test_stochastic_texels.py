@@ -73,49 +73,22 @@ def same(found: NDArray[np.bool_], expected: NDArray[Any], given: Lookups) -> No
 @pytest.mark.parametrize("name", STACKS)
 @pytest.mark.parametrize("v", BOUNDARIES)
 @pytest.mark.parametrize("u", BOUNDARIES)
-def test_texels_are_listed_where_a_trilinear_gradient_is_not_0(name: str, u: str, v: str) -> None:
-    sizes = STACKS[name]
+def test_texels_are_listed_where_the_gradient_is_not_0(name: str, u: str, v: str) -> None:
+    sizes, boundary = STACKS[name], (u, v)
     given = lookups(sizes[0], 1)
     uv, lod, uv_da = given["uv"], given["lod"], given["uv_da"]
-    texels = sum(height * width for height, width in sizes)
-    found = stochastic.touched_texels(sizes, uv, lod, boundary=(u, v))
-    assert found.shape == (len(uv), 8)
-    same(listed(found, texels), slopes(sizes, uv, (u, v), "linear-mipmap-linear", mip_level_bias=lod), given)
-    found = stochastic.touched_texels(sizes, uv, None, uv_da, boundary=(u, v))
-    same(listed(found, texels), slopes(sizes, uv, (u, v), "linear-mipmap-linear", uv_da=uv_da), given)
-
-
-@pytest.mark.parametrize("name", STACKS)
-@pytest.mark.parametrize("v", BOUNDARIES)
-@pytest.mark.parametrize("u", BOUNDARIES)
-def test_texels_are_listed_where_an_anisotropic_gradient_is_not_0(name: str, u: str, v: str) -> None:
-    sizes = STACKS[name]
-    given = lookups(sizes[0], 2)
-    found = stochastic.touched_texels(sizes, given["uv"], None, given["uv_da"], None, "anisotropic", (u, v))
-    assert found.shape == (len(found), 128)
-    expected = slopes(sizes, given["uv"], (u, v), "anisotropic", uv_da=given["uv_da"])
-    same(listed(found, expected.shape[1]), expected, given)
-
-
-@pytest.mark.parametrize("name", STACKS)
-@pytest.mark.parametrize("v", BOUNDARIES)
-@pytest.mark.parametrize("u", BOUNDARIES)
-def test_the_nearest_texel_of_the_nearest_level(name: str, u: str, v: str) -> None:
-    sizes = STACKS[name]
-    given = lookups(sizes[0], 3)
-    lod = given["lod"]
     with np.errstate(invalid="ignore"):
         level = np.clip(np.floor(lod + np.float32(0.5)), 0, len(sizes) - 1)
-    expected = np.concatenate(
-        [
-            slopes([size], given["uv"], (u, v), "nearest") * (level == number)[:, None]
-            for number, size in enumerate(sizes)
-        ],
-        1,
-    )
-    found = stochastic.touched_texels(sizes, given["uv"], lod, None, None, "nearest", (u, v))
-    assert found.shape == (len(lod), 1)
-    same(listed(found, expected.shape[1]), expected, given)
+    single = [slopes([size], uv, boundary, "nearest") * (level == n)[:, None] for n, size in enumerate(sizes)]
+    for texels, places, levels, expected in (
+        ("nearest", 1, (lod, None), np.concatenate(single, 1)),
+        ("trilinear", 8, (lod, None), slopes(sizes, uv, boundary, "linear-mipmap-linear", mip_level_bias=lod)),
+        ("trilinear", 8, (None, uv_da), slopes(sizes, uv, boundary, "linear-mipmap-linear", uv_da=uv_da)),
+        ("anisotropic", 128, (None, uv_da), slopes(sizes, uv, boundary, "anisotropic", uv_da=uv_da)),
+    ):
+        found = stochastic.touched_texels(sizes, uv, *levels, None, texels, boundary)
+        assert found.shape == (len(uv), places)
+        same(listed(found, expected.shape[1]), expected, given)
 
 
 @pytest.mark.parametrize("texels", ["nearest", "trilinear", "anisotropic"])

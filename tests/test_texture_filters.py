@@ -39,15 +39,6 @@ def test_levels_average_areas(size: tuple[int, int], dtype: Any) -> None:
         np.testing.assert_allclose(levels[-1][:, 0, 0], tex.mean((1, 2)), rtol=0, atol=1e-5)
 
 
-def test_equal_texels_stay_equal_in_all_levels() -> None:
-    for value in (0.1, 1 / 3, -1e6):
-        for dtype in (np.float16, np.float32, np.float64):
-            if value < -6e4 and dtype == np.float16:
-                continue
-            for level in texture_construct_mip(np.full((1, 29, 13, 5), value, dtype)).levels:
-                np.testing.assert_array_equal(level, np.full_like(level, value))
-
-
 def test_the_stack_does_not_follow_the_texture() -> None:
     tex = np.zeros((1, 4, 4, 1))
     mip = texture_construct_mip(tex)
@@ -94,17 +85,6 @@ def test_levels_of_detail_clamp_and_round() -> None:
     assert nearest == [0, 0, 1, 1, 2, 3, 5, 6]
 
 
-def test_a_limit_stops_at_its_level() -> None:
-    tex = np.random.default_rng(3).random((1, 16, 16, 2))
-    uv, far = np.random.default_rng(4).random((1, 1, 20, 2)), np.full((1, 1, 1), 99.0)
-    whole = texture_construct_mip(tex)
-    for limit in (0, 1, 3, 4, 50):
-        last = [tex, *whole.levels][min(limit, 4)]
-        for mip in (None, whole, list(whole.levels)):
-            out = texture(tex, uv, None, far, mip, max_mip_level=limit)
-            np.testing.assert_array_equal(out, texture(last, uv))
-
-
 def test_auto_takes_the_best_that_the_arguments_allow() -> None:
     tex, uv = np.random.default_rng(5).random((1, 9, 7, 2)), np.random.default_rng(6).random((1, 3, 3, 2))
     uv_da, bias = np.full((1, 3, 3, 4), 0.2), np.full((1, 3, 3), 1.3)
@@ -131,30 +111,3 @@ def test_anisotropic_is_much_closer_to_the_ellipse_than_trilinear(jacobian: list
         for mode in ("anisotropic", "linear-mipmap-linear")
     }
     assert errors["anisotropic"] < errors["linear-mipmap-linear"] / 8, errors
-
-
-def test_round_footprints_take_one_tap() -> None:
-    tex = np.random.default_rng(7).random((1, 32, 32, 2), np.float32)
-    angle = np.linspace(0, 6, 200, dtype=np.float32)
-    turned = np.stack([np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle)], -1)[None, None]
-    uv = np.random.default_rng(8).random((1, 1, 200, 2), np.float32)
-    for scale in (0.03, 0.11, 0.3):
-        round_ = turned * np.float32(scale)
-        out = texture(tex, uv, round_, filter_mode="anisotropic")
-        np.testing.assert_allclose(out, texture(tex, uv, round_), rtol=0, atol=1e-6)
-
-
-def test_taps_average_along_the_major_axis() -> None:
-    """Footprints along u of 2 to 16 texels and one wide: the mean of as many lookups in level 0, a texel apart."""
-    tex = np.random.default_rng(9).random((1, 20, 40, 3))
-    uv = np.random.default_rng(10).random((1, 1, 30, 2))
-    for ratio, taps in ((2, 2), (3, 3), (7, 7), (16, 16)):
-        uv_da = np.broadcast_to(np.array([ratio / 40, 0, 0, 1 / 20]), (1, 1, 30, 4))
-        places = ((np.arange(taps) + 0.5) / taps - 0.5) * ratio / 40
-        expected = np.mean([texture(tex, uv + np.array([place, 0])) for place in places], 0)
-        np.testing.assert_allclose(texture(tex, uv, uv_da, filter_mode="anisotropic"), expected, atol=1e-9)
-    # Beyond 16 to 1 there are no more taps: they read the level of a sixteenth of the axis.
-    thin = np.broadcast_to(np.array([0, 64 / 40, 0, 0]), (1, 1, 30, 4))
-    places = [np.array([(i + 0.5) / 10 - 0.8, 0]) for i in range(16)]
-    mean = np.mean([texture(tex, uv + place, None, np.full((1, 1, 1), 2.0)) for place in places], 0)
-    np.testing.assert_allclose(texture(tex, uv, thin, filter_mode="anisotropic"), mean, atol=1e-9)

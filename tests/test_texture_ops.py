@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -10,11 +9,8 @@ import torch
 from torch import Tensor
 from torch.autograd import forward_ad
 
-from mipbake import _native
 from mipbake.base.errors import UsageError
 from mipbake.sampling import ops, reference, texture, texture_construct_mip
-
-from .texture_cases import FILTERS
 
 DOUBLE = torch.float64
 
@@ -30,84 +26,6 @@ def lookups(*shape: int, axes: int = 2, spread: float = 2.0, dtype: torch.dtype 
     uv_da = torch.randn(*shape, 2 * axes, generator=generator, dtype=dtype) * 0.3
     bias = torch.randn(shape, generator=generator, dtype=dtype)
     return [uv.requires_grad_(), uv_da.requires_grad_(), bias.requires_grad_()]
-
-
-@pytest.fixture
-def thread_counts() -> Iterator[Any]:
-    default = _native.num_threads()
-    yield _native.set_num_threads
-    _native.set_num_threads(default)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("filter_mode", "boundary"),
-    [
-        *(
-            (mode, boundary)
-            for mode in FILTERS
-            for boundary in ("wrap", "clamp", ("mirror", "zero"), ("zero", "mirror"))
-        ),
-        *((mode, "cube") for mode in FILTERS if mode != "anisotropic"),
-    ],
-)
-def test_gradcheck(filter_mode: str, boundary: Any) -> None:
-    cube = boundary == "cube"
-    tex = random(1, 6, 5, 5, 3) if cube else random(2, 7, 6, 3)
-    uv, uv_da, bias = lookups(2, 3, 2, axes=3 if cube else 2)
-    arguments = [tex, uv] if filter_mode in ("nearest", "linear") else [tex, uv, uv_da, bias]
-
-    def call(*given: Tensor) -> Tensor:
-        return texture(*given, filter_mode=filter_mode, boundary_mode=boundary)
-
-    assert torch.autograd.gradcheck(call, arguments)
-
-
-@pytest.mark.parametrize("channels", [1, 2, 4, 6, 8])
-def test_gradcheck_of_channels(channels: int) -> None:
-    uv, uv_da, bias = lookups(1, 2, 4)
-    assert torch.autograd.gradcheck(texture, [random(1, 5, 4, channels), uv, uv_da, bias])
-
-
-def test_gradcheck_of_repeated_arguments() -> None:
-    uv, uv_da, bias = lookups(2, 2, 3)
-    one_tex, many_tex = random(1, 4, 3, 2), random(2, 4, 3, 2)
-    first = [t.detach()[:1].requires_grad_() for t in (uv, uv_da, bias)]
-    assert torch.autograd.gradcheck(texture, [one_tex, uv, first[1], bias[:, :1].detach().requires_grad_()])
-    assert torch.autograd.gradcheck(texture, [many_tex, first[0], first[1], first[2][:, :, :1]])
-    assert torch.autograd.gradcheck(texture, [one_tex, first[0], uv_da, None])
-    scalar = torch.full((1, 1, 1), 0.3, dtype=DOUBLE, requires_grad=True)
-    assert torch.autograd.gradcheck(texture, [many_tex, uv, None, scalar])
-
-
-def test_gradcheck_of_custom_stacks() -> None:
-    uv, uv_da, bias = lookups(2, 2, 3)
-    tex, *mip = random(2, 6, 5, 2), random(2, 4, 1, 2, seed=3), random(2, 3, 3, 2, seed=4)
-    for filter_mode in ("linear-mipmap-nearest", "linear-mipmap-linear", "anisotropic"):
-
-        def call(tex: Tensor, uv: Tensor, *mip: Tensor, mode: str = filter_mode) -> Tensor:
-            return texture(tex, uv, uv_da, bias, list(mip), filter_mode=mode)
-
-        assert torch.autograd.gradcheck(call, [tex, uv, *mip])
-
-
-def test_a_constructed_stack_is_the_internal_one() -> None:
-    tex = random(2, 13, 9, 4)
-    uv, uv_da, bias = lookups(2, 4, 5)
-    grad = torch.randn(2, 4, 5, 4, generator=torch.Generator().manual_seed(3), dtype=DOUBLE)
-    for limit in (None, 1):
-        mip = texture_construct_mip(tex, limit)
-        inside = texture(tex, uv, uv_da, bias, max_mip_level=limit)
-        outside = texture(tex, uv, uv_da, bias, mip)
-        assert torch.equal(inside, outside)
-        leaves = [tex, uv, uv_da, bias]
-        for a, b in zip(
-            torch.autograd.grad(inside, leaves, grad), torch.autograd.grad(outside, leaves, grad), strict=True
-        ):
-            assert torch.equal(a, b)
-    sizes = [level.shape[1:3] for level in texture_construct_mip(tex).levels]
-    assert sizes == [(6, 4), (3, 2), (1, 1)]
-    assert not any(level.requires_grad for level in texture_construct_mip(tex).levels)
 
 
 @pytest.mark.long
@@ -238,43 +156,6 @@ def test_undefined_lookups_leave_gradients_alone(size: int, boundary: str) -> No
         texture(again, *defined, filter_mode=filter_mode, boundary_mode=boundary).sum().backward()
         assert again.grad is not None
         torch.testing.assert_close(tex.grad, again.grad, rtol=1e-10, atol=1e-12)
-
-
-# Small textures are summed an item at a time, large ones sorted into bins of rows; both in the order of the lookups.
-@pytest.mark.parametrize(
-    ("batch", "size", "boundary", "filter_mode"),
-    [
-        (1, (40, 30), "wrap", "linear"),
-        (1, (40, 30), "wrap", "linear-mipmap-linear"),
-        (5, (16, 16), "clamp", "linear-mipmap-linear"),
-        (5, (16, 16), "clamp", "anisotropic"),
-        (2, (257, 301), "mirror", "linear-mipmap-nearest"),
-        (2, (257, 301), "mirror", "anisotropic"),
-        (1, (1, 5000), ("zero", "wrap"), "linear"),
-        (1, (1, 5000), ("zero", "wrap"), "linear-mipmap-linear"),
-        (2, (6, 33, 33), "cube", "linear"),
-        (2, (6, 150, 150), "cube", "linear-mipmap-linear"),
-    ],
-)
-def test_gradients_do_not_depend_on_the_number_of_threads(
-    batch: int, size: tuple[int, ...], boundary: Any, filter_mode: str, thread_counts: Any
-) -> None:
-    cube = boundary == "cube"
-    tex = random(batch, *size, 4, dtype=torch.float32)
-    uv, uv_da, bias = (
-        t.detach().requires_grad_() for t in lookups(1, 60, 100, axes=3 if cube else 2, dtype=torch.float32)
-    )
-    scalar = torch.full((1, 1, 1), 0.4, requires_grad=True)
-    results = []
-    for threads in (1, 2, 5):
-        thread_counts(threads)
-        for detail in (bias, scalar):
-            leaves = [tex, uv] if filter_mode == "linear" else [tex, uv, uv_da, detail]
-            out = texture(tex, uv, uv_da, detail, filter_mode=filter_mode, boundary_mode=boundary)
-            grad = torch.randn(out.shape, generator=torch.Generator().manual_seed(4))
-            results.append([out.detach(), *torch.autograd.grad(out, leaves, grad)])
-    for index, result in enumerate(results[2:]):
-        assert all(torch.equal(a, b) for a, b in zip(result, results[index % 2], strict=True))
 
 
 def test_large_textures_match_the_twin() -> None:

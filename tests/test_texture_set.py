@@ -365,21 +365,6 @@ def test_a_mask_of_ones_in_8_bits_is_questioned(tmp_path: Path) -> None:
     assert any("its values are 0 and 1 of 255" in warning for warning in load(folder).warnings)
 
 
-def test_acescg_in_a_name_becomes_linear_rec709(tmp_path: Path) -> None:
-    folder = plain_set(tmp_path / "wood")
-    (folder / "base_color.png").unlink()
-    values = np.full((32, 32, 3), (0.3, 0.4, 0.2), np.float32)
-    values[0, 0] = (0, 1, 0)  # no light of Rec.709's primaries looks so
-    write_image(folder / "wood_diffuse_ACEScg.exr", values, "float")
-    result = load(folder)
-    # The matrix of OpenColorIO's built-in configuration for ACES, to four digits; Rec.709 is D65, ACES near D60.
-    matrix = np.array([[1.7051, -0.6218, -0.0833], [-0.1303, 1.1408, -0.0105], [-0.0240, -0.1290, 1.1530]])
-    np.testing.assert_allclose(result.maps["base_color"].pixels[1, 1], matrix @ (0.3, 0.4, 0.2), atol=2e-3)
-    assert (result.maps["base_color"].pixels[0, 0] == (0, 1, 0)).all()
-    assert "wood_diffuse_ACEScg.exr: its name says ACEScg" in result.notes
-    assert any("1 texel outside [0, 1] in linear Rec.709 clipped" in note for note in result.notes)
-
-
 @pytest.mark.parametrize("anisotropic", [False, True])
 def test_level_0_is_the_maps_themselves(tmp_path: Path, anisotropic: bool) -> None:
     """Copies of it would be as large as all maps that shade: they lie in one array, in the order of the model."""

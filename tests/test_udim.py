@@ -13,7 +13,7 @@ import pytest
 import mipbake
 from mipbake.base.errors import InputError, UsageError
 from mipbake.material.fill import fill
-from mipbake.material.pixel_filter import filter_named, level_sizes
+from mipbake.material.pixel_filter import level_sizes
 from mipbake.source.texture_set import LoadOptions, TextureSet
 from mipbake.source.tiles import place, tile_options, tiles_of
 from mipbake.source.udim import Mosaic, islands, joined, mosaics
@@ -156,37 +156,6 @@ def test_tiles_of_one_texture_are_cuts_of_its_stack(anisotropic: bool) -> None:
                 assert chain[index] == pytest.approx(whole.extra[role][index][here], abs=ROUNDING)
 
 
-def test_two_tiles_of_a_periodic_texture_agree_with_it_across_their_border() -> None:
-    """The texture wraps and the tiles do not: they agree wherever the filter does not reach the outer borders."""
-    side = 64
-    arrays = decoded(side, 2 * side)
-    _, stacks = baked(cut_up(arrays, 1, 2), pixel_filter="gaussian")
-    whole = mipbake.bake(replace(texture_set(arrays), wrap=("wrap", "wrap")), method="linear", pixel_filter="gaussian")
-    reach = int(np.ceil(filter_named("gaussian").radius))
-    compared = 0
-    for level in range(4):  # beyond them, levels that wrap are filtered from box averages, which widens the filter
-        both = np.concatenate([stacks[1001].levels[level], stacks[1002].levels[level]], 1)
-        inner = (slice(reach, both.shape[0] - reach), slice(reach, both.shape[1] - reach))
-        assert both.shape == whole.levels[level].shape
-        assert both[inner] == pytest.approx(whole.levels[level][inner], abs=ROUNDING)
-        compared += both[inner].size
-        if level:  # each tile alone sees another world beyond the border
-            alone = mipbake.bake(cut_up(arrays, 1, 2)[1001], method="linear").levels[level]
-            assert np.abs(alone[:, -1] - stacks[1001].levels[level][:, -1]).max() > 1e-2
-    assert compared > side * side
-
-
-def test_level_0_of_the_mosaic_is_the_tiles_themselves() -> None:
-    tiles = cut_up(decoded(16, 32), 2, 2)
-    texture = joined(tiles).texture_set
-    for tile, single in tiles.items():
-        u, v = place(tile)
-        here = (slice((1 - v) * 8, (2 - v) * 8), slice(u * 16, (u + 1) * 16))
-        for role, own in single.maps.items():
-            assert (texture.maps[role].pixels[here] == own.pixels).all()
-    assert texture.wrap == ("clamp", "clamp")
-
-
 def test_holes_take_nothing_foreign() -> None:
     """Around a hole, tiles of one material each keep its values; in the hole there is something between them."""
     tiles = {t: constant_tile(value) for t, value in ((1001, 0.2), (1003, 0.8), (1012, 0.8))}
@@ -205,13 +174,6 @@ def test_holes_take_nothing_foreign() -> None:
 def constant_tile(roughness: float, side: int = 8, **others: Any) -> TextureSet:
     normal = np.broadcast_to([0, 0, 1], (side, side, 3))
     return TextureSet.from_arrays("wood", normal=normal, roughness=roughness, **others)
-
-
-def test_a_constant_material_stays_constant_around_holes() -> None:
-    _, stacks = baked({t: constant_tile(0.3) for t in (1001, 1003, 1021, 1022)})
-    for stack in stacks.values():
-        for level in stack.levels:
-            assert level == pytest.approx(np.broadcast_to(stack.levels[0][:1, :1], level.shape), abs=1e-6)
 
 
 @pytest.mark.parametrize("size", [(50, 50), (16, 64), (48, 1), (1, 1)])
@@ -395,23 +357,6 @@ def test_filling_wraps_where_it_should(mode: str, near: float) -> None:
     values[:, 13:], weights[:, 13], weights[:, 4] = 1, 1, 1
     first = float(fill(values, weights, (mode, mode))[8, 0, 0])
     assert abs(first - near) < 0.5
-
-
-def test_filling_a_linear_ramp_continues_between_its_sides() -> None:
-    values = np.broadcast_to(np.arange(32.0)[None, :, None], (32, 32, 1)).astype(np.float32)
-    weights = np.ones((32, 32))
-    weights[:, 12:20] = 0
-    filled = fill(values, weights)
-    assert filled[16, 12:20, 0] == pytest.approx(np.arange(12, 20), abs=2)
-    assert (np.diff(filled[16, :, 0]) >= 0).all()
-
-
-@pytest.mark.parametrize("share", [0.0, 1.0])
-def test_filling_without_a_choice_changes_nothing(share: float) -> None:
-    values = np.random.default_rng(0).random((5, 7, 2)).astype(np.float32)
-    filled = fill(values, np.full((5, 7), share))
-    assert (filled == values).all()
-    assert filled is not values
 
 
 def test_a_weight_between_mixes() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import os
 import shutil
 import signal
@@ -15,11 +14,8 @@ from types import FrameType
 import pytest
 
 from mipbake.base import disk
-from mipbake.base.errors import InputError
 from mipbake.base.json_text import parsed
 from mipbake.cli.main import main
-from mipbake.models.registry import WEIGHTS_FOLDER, list_weights, load_network
-from mipbake.source.jobs import Job
 
 from .command_line import fails, tree, write_set
 from .permissions import bound_by_permissions
@@ -223,37 +219,6 @@ def test_infinity_in_a_stack_is_unusable_input(folder: Path, tmp_path: Path, cap
             "not a number" in (message := fails(capsys, 3, "info", tmp_path / "out" / "metal")) or "beyond" in message
         )
         fails(capsys, 3, "validate", folder, tmp_path / "out" / "metal")
-
-
-def test_weights_with_a_damaged_header_are_refused(tmp_path: Path) -> None:
-    import hashlib
-    from dataclasses import replace
-
-    info = replace(list_weights(WEIGHTS_FOLDER)[0], folder=tmp_path)
-    for content in (b"\xff" * 64, (1 << 60).to_bytes(8, "little") + b"{}", b"\x02" + bytes(7) + b"{]"):
-        info.tensors.write_bytes(content)
-        with pytest.raises(InputError, match="install the release again"):
-            load_network(replace(info, sha256=hashlib.sha256(content).hexdigest()))
-
-
-@pytest.mark.parametrize(
-    "error",
-    [
-        ImportError("libtorch_cpu.so: failed to map segment from shared object"),
-        RuntimeError("can't start new thread"),
-        RuntimeError("[enforce fail] DefaultCPUAllocator: can't allocate memory: you tried to allocate 8 bytes."),
-        OSError(errno.ENOMEM, os.strerror(errno.ENOMEM)),
-        MemoryError("std::bad_alloc"),
-    ],
-)
-def test_too_little_address_space_is_no_defect(
-    folder: Path, tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch, error: Exception
-) -> None:
-    def breaks(*_arguments: object, **_options: object) -> None:
-        raise error
-
-    monkeypatch.setattr(Job, "read", breaks)
-    assert "not enough memory" in fails(capsys, 1, *COMMANDS["bake"](folder, tmp_path / "out"))
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems do not limit address space")

@@ -19,7 +19,7 @@
 #endif
 
 // GCC 12.2 with -O3 and AVX2 takes some of these kernels for functions without effect, and leaves their calls out,
-// unless it is kept from looking into them (or -fno-ipa-modref is given). tests/test_texture_isas.py would tell.
+// unless it is kept from looking into them (or -fno-ipa-modref is given). tests/test_every_door.py would tell.
 #if defined(__GNUC__) && !defined(__clang__)
 #define MIPBAKE_KERNEL __attribute__((noipa))
 #else

@@ -1,7 +1,7 @@
 """The colour spaces that names of files tell, and MaterialX's and OpenEXR's files: how each becomes linear Rec.709.
 
 colour-science has them, too, and many more. It takes a hundred megabytes and a second to import, so what most sets need
-is here; tests/test_colour_spaces.py compares the two.
+is here; tests/test_names_colour.py compares the two.
 """
 
 from __future__ import annotations
