@@ -13,6 +13,7 @@ import dataclasses
 import json
 import os
 import platform
+import re
 import statistics
 import subprocess
 import sys
@@ -24,7 +25,7 @@ from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
-from timing import cpu_name
+from timing import cpu_name, table
 
 import mipbake
 from mipbake.baking.convert import TARGETS as MODELS
@@ -211,80 +212,59 @@ def page_of(data: Mapping[str, Any]) -> str:
 {len(runs)} processes, {len(failed)} failed. All formats are baked by the default method, the rest by `{fast}`. Times
 are of whole processes on a machine that had other work, too; memory is what the largest process took.
 
-{_table(("command", "sets", "failed", "median s", "largest s", "peak GiB", "median MB"), _commands(runs))}
+{table(("command", "median s", "largest s", "peak GiB", "median MB"), _commands(runs))}
 
 {chr(10).join(failed)}
 
 ## What files cost
 
-dB of SNR that the shaded result loses, near the mirror / over the hemisphere; above {LIMIT:g} mipbake warns. `ktx2`
-and `dds` choose their own texels here, the others have the first of their kind.
+dB of SNR that the shaded result loses, near the mirror or over the hemisphere, where it loses more; above {LIMIT:g}
+mipbake warns. `ktx2` and `dds` choose their own texels here, the others have the first of their kind. Presets are with
+`{fast}`.
 
-{_table(("set", *_formats(runs)), _costs(runs))}
-
-Presets, with `{fast}`: the greater of the two losses.
-
-{_table(("preset", f"sets above {LIMIT:g} dB", "median dB", "largest dB"), _presets(runs))}
+{table(("files", f"sets above {LIMIT:g} dB", "median dB", "largest dB"), _costs(runs))}
 """
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [head, ["---", *["---:"] * (len(head) - 1)], *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def _commands(runs: Sequence[Run]) -> list[list[str]]:
     rows = []
-    for name in commands(""):
-        some = [each for each in runs if each.command == name]
-        if not some:
-            continue
-        seconds = [each.seconds for each in some]
-        rows.append(
-            [
-                f"`{name}`" if "--" in name else name,
-                str(len(some)),
-                str(sum(each.code != 0 for each in some)),
-                f"{statistics.median(seconds):.1f}",
-                f"{max(seconds):.1f}",
-                f"{max(each.peak for each in some):.2f}",
-                f"{statistics.median(each.size for each in some):.1f}",
-            ]
-        )
+    for name in dict.fromkeys(map(_kind, commands(""))):
+        some = [each for each in runs if _kind(each.command) == name]
+        if some:
+            seconds = [each.seconds for each in some]
+            rows.append(
+                [
+                    f"`{name}`" if "--" in name else name,
+                    f"{statistics.median(seconds):.1f}",
+                    f"{max(seconds):.1f}",
+                    f"{max(each.peak for each in some):.2f}",
+                    f"{statistics.median(each.size for each in some):.1f}",
+                ]
+            )
     return rows
 
 
-def _all_formats(runs: Sequence[Run]) -> list[Run]:
-    return [each for each in runs if each.command == "bake, all formats"]
-
-
-def _formats(runs: Sequence[Run]) -> list[str]:
-    """Names of containers: `ktx2` has texels of its own for every set."""
-    return list(dict.fromkeys(name.partition(":")[0] for each in _all_formats(runs) for name in each.costs))
+def _kind(command: str) -> str:
+    """What the page calls a command: all of `info`, of a packing and of `convert` are one."""
+    return re.sub(r"^(info) of .*|(bake --packing|convert --to) .*", r"\1\2", command)
 
 
 def _costs(runs: Sequence[Run]) -> list[list[str]]:
-    rows = []
-    for each in sorted(_all_formats(runs), key=lambda run: run.set):
-        losses = {name.partition(":")[0]: loss for name, loss in each.costs.items()}
-        shown = [" / ".join(f"{value:+.2f}" for value in losses.get(name, {}).values()) for name in _formats(runs)]
-        rows.append([each.set, *shown])
-    return rows
-
-
-def _presets(runs: Sequence[Run]) -> list[list[str]]:
-    rows = []
-    for name in PRESETS:
-        losses = [
-            max(loss for cost in each.costs.values() for loss in cost.values())
-            for each in runs
-            if each.command == f"bake --preset {name}" and each.costs
-        ]
-        if losses:
-            above = sum(loss > LIMIT for loss in losses)
-            median = f"{statistics.median(losses):.2f}"
-            rows.append([name, f"{above} of {len(losses)}", median, f"{max(losses):.2f}"])
-    return rows
+    """A row for each container, and for each preset."""
+    found: dict[str, list[float]] = {}
+    for each in runs:
+        preset = each.command.removeprefix("bake --preset ")
+        for texels, loss in each.costs.items():
+            if preset in PRESETS:
+                found.setdefault(f"preset {preset}", []).append(max(max(cost.values()) for cost in each.costs.values()))
+                break
+            if each.command == "bake, all formats":
+                found.setdefault(texels.partition(":")[0], []).append(max(loss.values()))
+    return [
+        [name, f"{sum(loss > LIMIT for loss in losses)} of {len(losses)}", f"{statistics.median(losses):.2f}",
+         f"{max(losses):.2f}"]
+        for name, losses in found.items()
+    ]  # fmt: skip
 
 
 def main() -> None:

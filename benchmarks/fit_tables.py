@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from timing import table
 
 from mipbake.fitting import SCALES
 from mipbake.quality.metrics import snr_from_sums
@@ -51,7 +52,7 @@ def gain(found: Mapping[str, float]) -> float:
     return round(found[FITTED] - max(found[method] for method in METHODS), 1) + 0.0  # and never -0
 
 
-def table(data: Mapping[str, Any], measure: str) -> str:
+def means_table(data: Mapping[str, Any], measure: str) -> str:
     """Markdown: the mean SNR over sets, by renderer, method and scale. Bold is the best of a column."""
     rows = []
     for renderer in data["renderers"]:
@@ -73,7 +74,7 @@ def table(data: Mapping[str, Any], measure: str) -> str:
                 for scale in SCALES
             ]  # fmt: skip
             rows.append([renderer, method, *shown])
-    return _markdown(["renderer", "SNR in dB, mean over sets", *SCALES], rows)
+    return table(["renderer", "SNR in dB, mean over sets", *SCALES], rows)
 
 
 def words(data: Mapping[str, Any], measure: str) -> str:
@@ -116,7 +117,7 @@ def stages_table(data: Mapping[str, Any], measure: str) -> str:
                 scale: [each[stage] - each[before] for _, where, each in found if where == scale] for scale in SCALES
             }
             rows.append([renderer, stage, *(f"{_rounded(each):+.1f}" if each else "" for each in added.values())])
-    return _markdown(["renderer", "dB that it adds, mean over sets", *SCALES], rows)
+    return table(["renderer", "dB that it adds, mean over sets", *SCALES], rows)
 
 
 def _mean(found: Sequence[tuple[float, str, str]]) -> str:
@@ -137,7 +138,7 @@ def single_table(data: Mapping[str, Any], measure: str) -> str:
             rows.append([
                 renderer, name, *(f"{gain(found[scale]):+.1f}" if scale in found else "" for scale in SCALES)
             ])  # fmt: skip
-    return _markdown(["renderer", "dB above the best of the others", *SCALES], rows)
+    return table(["renderer", "dB above the best of the others", *SCALES], rows)
 
 
 def cost_table(data: Mapping[str, Any]) -> str:
@@ -150,10 +151,6 @@ def cost_table(data: Mapping[str, Any]) -> str:
                 renderer, name, f"{width} x {height}", str(each["views"]), f"{each['steps']:,}",
                 *(f"{seconds[part]:.0f} s" for part in ("preparing", "steps", "rounds")),
             ])  # fmt: skip
-    return _markdown(
+    return table(
         ["renderer", "set", "texels", "views", "steps", "preparing the views", "the steps", "the rounds"], rows
     )
-
-
-def _markdown(heads: list[str], rows: list[list[str]]) -> str:
-    return "\n".join(f"| {' | '.join(row)} |" for row in (heads, ["---"] * len(heads), *rows))

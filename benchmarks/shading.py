@@ -1,15 +1,12 @@
 """Shading with its gradient: mipbake.shading.ops against the plain torch twin, in one run; prints Markdown.
 
-    python benchmarks/shading.py [--threads 2] [--rounds 7] [--bare]
+    python benchmarks/shading.py [--threads 2] [--rounds 7]
 
 One evaluation is one texel of `ggx` under one light-view pair, 11 stored channels; the default size is the batch of
 Kemppinen et al. 2023, 64 pairs x 5120 texels. Forward + gradient computes the radiance and, from a given gradient of
 it, the gradient of the material. Times are medians over the rounds, which alternate between the candidates so that all
 see the same machine; the spread is (largest - smallest) / median. The instruction sets are measured in processes of
 their own, one after the other; the twin and its compiled form in the first.
-
-`--bare` measures the kernels alone instead, `ggx` beside `beckmann`, on one thread and in processor time, which other
-work on the machine hardly changes: the shortest of the rounds, and their median.
 """
 
 from __future__ import annotations
@@ -85,69 +82,13 @@ def run(threads: int, rounds: int, with_torch: bool, repeats: int) -> dict[str, 
     return {"isa": _native.isa(), "threads": threads, "timings": timings, "torch": torch.__version__}
 
 
-def run_bare(rounds: int) -> dict[str, object]:
-    """Shortest and median processor seconds of one call of each kernel of two models, rounds alternating."""
-    import time
-
-    import numpy as np
-
-    from mipbake import _native
-
-    _native.set_num_threads(1)
-    rng = np.random.default_rng(0)
-    directions = rng.standard_normal((2, BATCH, PAIRS, 3))
-    directions[..., 2] = np.abs(directions[..., 2]) + 0.2
-    light, view = (directions / np.linalg.norm(directions, axis=-1, keepdims=True)).astype(np.float32)
-    low, high = np.array([[0, 1]] * 6 + [[-0.4, 0.4]] * 2 + [[-8, 0]] * 2 + [[-1, 1], [-1, 0.5]]).T
-    stored = rng.uniform(low, high, (BATCH, TEXELS, 12)).astype(np.float32)
-    radiance = np.empty((BATCH, PAIRS, TEXELS, 3), np.float32)
-    weights = rng.standard_normal(radiance.shape).astype(np.float32)
-    seconds: dict[str, list[float]] = {}
-    for _ in range(rounds):
-        for model, channels in (("ggx", 11), ("beckmann", 12)):
-            material = np.ascontiguousarray(stored[..., :channels])
-            gradient = np.empty_like(material)
-            start = time.thread_time()
-            _native.shade(model, material, light, view, radiance)
-            between = time.thread_time()
-            _native.shade_backward(model, material, light, view, weights, gradient)
-            end = time.thread_time()
-            seconds.setdefault(f"{model}, forward", []).append(between - start)
-            seconds.setdefault(f"{model}, gradient", []).append(end - between)
-    timings = {name: (min(each), float(np.median(each))) for name, each in seconds.items()}
-    return {"isa": _native.isa(), "timings": timings}
-
-
-def print_bare(rounds: int) -> None:
-    print(f"{EVALUATIONS:,} evaluations, one thread, processor time; {cpu_name()}\n")
-    print("| kernel | instruction set | ns per evaluation, shortest | median |")
-    print("|---|---|---|---|")
-    measured = []
-    for isa in ISAS:
-        command = [sys.executable, __file__, "--one-set", "--bare", f"--rounds={rounds}"]
-        environment = {**os.environ, "MIPBAKE_ISA": isa}
-        result = json.loads(subprocess.run(command, env=environment, check=True, stdout=subprocess.PIPE).stdout)
-        if result["isa"] in measured:
-            continue  # the processor lacks this one and took the next
-        measured.append(result["isa"])
-        for name, (shortest, median) in result["timings"].items():
-            print(f"| {name} | {isa} | {shortest / EVALUATIONS * 1e9:.1f} | {median / EVALUATIONS * 1e9:.1f} |")
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description="benchmark of shading with its gradient")
     parser.add_argument("--threads", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--rounds", type=int, default=7)
-    parser.add_argument("--bare", action="store_true", help="the kernels of two models alone, on one thread")
     parser.add_argument("--one-set", action="store_true", help=argparse.SUPPRESS)
     parser.add_argument("--with-torch", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
-    if options.bare and not options.one_set:
-        print_bare(options.rounds)
-        return
-    if options.one_set and options.bare:
-        print(json.dumps(run_bare(options.rounds)))
-        return
     if options.one_set:
         print(json.dumps(run(options.threads, options.rounds, options.with_torch, repeats=20)))
         return

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from results_sets import folder_sets, middle
-from timing import cpu_name
+from timing import cpu_name, table
 
 import mipbake
 from mipbake import MipStack, TextureSet
@@ -87,8 +87,8 @@ def main() -> None:
             found = {table: [asdict(row) for row in rows] for table, rows in measured(name, read()).items()}
             if kept:
                 kept.write_text(json.dumps(found), encoding="utf-8")
-        for table, rows in found.items():
-            data[table] += rows
+        for which, rows in found.items():
+            data[which] += rows
         print(name, file=sys.stderr, flush=True)
     if given.results:
         given.results.write_text(json.dumps(data), encoding="utf-8")
@@ -117,28 +117,23 @@ def page_of(data: Mapping[str, Any]) -> str:
     tables = {table: [Row(**row) for row in data[table]] for table in TABLES}
     return f"""# What the textures of a GLB cost
 
-The losses on this page are dB of SNR of the shaded result, in the mean of levels of detail 0, 1 and 3. The first figure
-of a cell is near the mirror and the second is over the hemisphere. A negative loss is a gain. The sets are test sets,
-which no network has seen. They were measured on {data["machine"]}.
+The losses on this page are dB of SNR of the shaded result, in the mean of levels of detail 0, 1 and 3, near the mirror
+or over the hemisphere, where the loss is greater. The sets are test sets, which no network has seen. They were measured
+on {data["machine"]}. The [record](records/uastc.json) has the figures of each set.
 
 ## Whole sets
 
 The stacks were baked by `neural`. `plain` is UASTC with the values as they are. `glb` stretches normals and roughness
-over the eight bits. `glb:{GLB_TEXELS[1]}` gives 8 bits to the textures that blocks cost too much. The first normal
-scale is the scale of `glb`, and the second is the scale of `glb:{GLB_TEXELS[1]}`.
+over the eight bits. `glb:{GLB_TEXELS[1]}` gives 8 bits to the textures that blocks cost too much.
 
 {summarised(tables["whole"])}
 
-{listed(tables["whole"])}
-
 ## Where the loss comes from
 
-Each column has one file in blocks or in 8 bits, and the other files as they are. Nothing is stretched. The stacks were
+Each row has one file in blocks or in 8 bits, and the other files as they are. Nothing is stretched. The stacks were
 baked from the middle {SIDE} x {SIDE} texels of each set.
 
 {summarised(tables["parts"])}
-
-{listed(tables["parts"])}
 
 ## What the encoder's effort brings
 
@@ -151,35 +146,30 @@ stacks that nobody measures. A GLB is written with effort {uastc._EFFORT}.
 
 def summarised(rows: Sequence[Row]) -> str:
     """By column: how many sets are within which loss."""
-    worst: dict[str, list[float]] = {}
+    worst: dict[str, dict[str, float]] = {}
     for row in rows:
         for column, loss in row.losses.items():
-            worst.setdefault(column, []).append(max(loss.values()))
-    lines = [
-        "| greater of both losses | sets | at most 0.5 dB | at most 1.5 dB | mean | most |",
-        "|---|---|---|---|---|---|",
-    ]
-    for column, values in worst.items():
-        few, some = (sum(value <= limit for value in values) for limit in (0.5, 1.5))
-        lines.append(f"| {column} | {len(values)} | {few} | {some} | {np.mean(values):.2f} | {max(values):.2f} |")
-    return "\n".join(lines)
+            worst.setdefault(column, {})[row.set] = max(loss.values())
+    lines = []
+    for column, of in worst.items():
+        few, some = (sum(value <= limit for value in of.values()) for limit in (0.5, 1.5))
+        most = max(of, key=lambda name: of[name])
+        lines.append(
+            [column, *map(str, (len(of), few, some)), f"{np.mean([*of.values()]):.2f}", f"{of[most]:.2f} ({most})"]
+        )
+    return table(["files", "sets", "at most 0.5 dB", "at most 1.5 dB", "mean", "most"], lines)
 
 
 def listed(rows: Sequence[Row]) -> str:
-    """A line for each row."""
+    """A line for each row: both losses, near the mirror first."""
     if not rows:
         return ""
-    header = ["set", *rows[0].losses, *rows[0].further]
-    lines = [f"| {' | '.join(header)} |", f"|{'---|' * len(header)}"]
-    for row in rows:
-        cells = [row.set, *map(spoken, row.losses.values()), *row.further.values()]
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines)
-
-
-def spoken(loss: Loss) -> str:
-    """Both losses, near the mirror first."""
-    return " / ".join(f"{value:.2f}" for value in loss.values())
+    lines = [
+        [row.set, *(" / ".join(f"{value:.2f}" for value in loss.values()) for loss in row.losses.values()),
+         *row.further.values()]
+        for row in rows
+    ]  # fmt: skip
+    return table(["set", *rows[0].losses, *rows[0].further], lines)
 
 
 def before_and_after(texture_set: TextureSet, stack: MipStack) -> tuple[dict[str, Levels], dict[str, str]]:

@@ -25,6 +25,7 @@ import numpy as np
 import pictures
 from numpy.typing import NDArray
 from PIL import Image
+from records.wrapping import table
 
 import mipbake
 from mipbake.baking.bake import DEFAULT_FILTER
@@ -51,24 +52,22 @@ _TEXT = """\
 # Figure 7: one material, every model
 
 After figure 7 of [Kemppinen et al. 2023](method.md): a material is given in one material model, and stacks of all
-models show it. The material is `{name}` of the [examples](../examples/README.md). [Glossary](glossary.md)
-explains the terms.
+models show it. The material is `{name}` of the [examples](../examples/README.md). It is converted to each model in
+turn, and that is the input. The first column of a picture is the supersampled reference, shaded in the input's model.
+The other columns are stacks by `{shown}` in the model that stands above them. Spheres are near, in the middle and far
+away (levels of detail 0, 3 and 7). Under each stand its SNR and its FLIP, and the best of a row is green.
+`docs/make_figure_7.py` makes this page.
 
-Each section below is one input. The material is converted to the input's model. From that, stacks of the four
-models are baked; the column `output` names the target. The first column of a picture is the reference, shaded in
-the input's model. The other columns are candidates. The pictures show spheres under the studio's lights, with the
-Gaussian pixel filter. Near, middle and far are levels of detail 0, 3 and 7. Under each sphere stand its SNR and
-its FLIP, as in the tables; the best of a row is green. `docs/make_figure_7.py` makes this page.
+The table has the SNR of `{method}` in dB, {scales}. A row is an input, and a column is the model of a stack. The
+[record](../benchmarks/records/figure-7.json) has FLIP and the other methods.
 
-What to look for is how far the other stacks are behind the stack in the input's own model, whose name is green:
+{table}
+
+What to look for is how far the other stacks are behind the stack in the input's own model:
 
 - `gltf` has one roughness, so it shows brush marks as a round blur.
 - The tails of GGX are longer than the tails of `beckmann`, and no stack can mend that.
 - A matte dielectric differs between glTF and the other two models ([known limits](validation.md#known-limits)).
-
-The method of the pictures is {shown}. The tables have all methods. Closed forms and `auto` convert between models
-texel by texel, by a formula.
-{networks}.{trained}
 """
 
 
@@ -80,9 +79,6 @@ class Sphere:
     snr: float
     flip: float
 
-
-_CROSS_STEPS = 310_000
-"""Steps of the whole schedule of `paper-cross`."""
 
 Shown = Mapping[tuple[str, str, str], Sphere]
 """Method, output model and scale to the sphere."""
@@ -178,33 +174,22 @@ def tabulated(found: Shown) -> dict[str, dict[str, list[list[float]]]]:
     return rows
 
 
-def page_of(data: Mapping[str, Any], stem: str) -> str:
+def page_of(data: Mapping[str, Any], stem: str = PAGE.stem) -> str:
     """The Markdown page of what was measured; `stem` is what the names of its pictures begin with."""
-    trained = data["networks"]
-    listed = ", ".join(f"`{name}`" for name in trained)
-    words = f"Networks ({listed}) make the models of their training" if trained else "None of them is a network"
-    parts = [_TEXT.format(name=data["set"], shown=f"`{data['shown']}`", networks=words, trained=_trained(trained))]
-    for source, outputs in data["inputs"].items():
-        picture = f"![Spheres of every output model beside the reference]({stem}-{source}.webp)\n"
-        parts += [f"## Input: `{source}`\n", picture]
-        lines = [f"| output | method | {' | '.join(data['scales'])} |", "|---" * (len(data["scales"]) + 2) + "|"]
-        for output, methods in outputs.items():
-            for method, row in methods.items():
-                cells = (f"{snr:.1f} dB / {flip:.3f}" for snr, flip in row)
-                lines.append(f"| `{output}` | {method} | {' | '.join(cells)} |")
-        parts.append("\n".join(lines) + "\n")
+    outputs = list(next(iter(data["inputs"].values())))
+    method = [name for name in next(iter(data["inputs"].values()))[outputs[0]] if name in METHODS and name != NEURAL][
+        -1
+    ]
+    rows = [
+        [f"`{source}`", *(" / ".join(f"{snr:.1f}" for snr, _ in stacks[output][method]) for output in outputs)]
+        for source, stacks in data["inputs"].items()
+    ]
+    made = table(["input", *(f"`{output}`" for output in outputs)], rows)
+    scales = " / ".join(data["scales"])
+    parts = [_TEXT.format(name=data["set"], shown=data["shown"], method=method, scales=scales, table=made)]
+    for source in data["inputs"]:
+        parts.append(f"![Spheres of every output model beside a reference in {source}]({stem}-{source}.webp)\n")
     return "\n".join(parts)
-
-
-def _trained(names: Sequence[str]) -> str:
-    """How far `paper-cross` was trained, where it is among the networks."""
-    steps = [info.steps for info in list_weights() if info.name == CROSS and info.name in names]
-    if not steps or steps[0] >= _CROSS_STEPS:
-        return ""
-    return (
-        f"\n`{CROSS}` has {steps[0]:,} of {_CROSS_STEPS:,} steps of its schedule "
-        "([the paper's networks](training.md#the-papers-networks))."
-    )
 
 
 def main() -> None:

@@ -113,94 +113,22 @@ def test_what_the_readme_says(block: Callable[..., str]) -> None:
     assert "with temporal accumulation, which many engines have, the mean is +0.60 JOD" in text
 
 
-def test_aims_that_are_met(block: Callable[..., str]) -> None:
-    text = block("aims", lambda method, _: {"jod-37": 9.7} if method == "auto" else {})
-    assert said(text).endswith("All of these aims are met.") and "**no**" not in text
-    assert row(text, "auto: at most 0.03 JOD behind linear (box), in 97% of films") == ["100%", "yes"]
-    assert row(text, "auto: mean JOD 0.35 above the mean of every closed form")[0] == "+0.40 beside lean (gaussian)"
-    assert row(text, "visible: rank correlation with JOD at least 0.9 over all films and methods")[1] == "yes"
-
-
-def test_aims_that_are_missed_are_named(block: Callable[..., str]) -> None:
-    def changed(method: str, where: Mapping[str, Any]) -> Mapping[str, Any]:
-        if where["sampler"] == "accumulated, bias -1":
-            return {"jod-37": 9.2} if method == "auto" else {}
-        calm = {"flicker": 1.2} if method == "linear (box)" and where["scene"] == "floor" else {}
-        restless = {"flicker": 1.3} if method == "auto" and where["scene"] == "floor" else {}
-        return {**worse(method, where), **calm, **restless}
-
-    text = block("aims", changed)
-    under = "0.4 JOD above linear (box), in the mean of films where linear (box) is below 9.5"
-    reached = {
-        "auto: at most 0.03 JOD behind linear (box), in 97% of films": ["92%", "**no**"],
-        "auto: in no film more than 0.15 JOD behind linear (box)":
-            ["1 of 12 films are, at worst -0.50 JOD", "**no**"],
-        f"auto: {under.replace('0.4', '0.5')}": ["+0.51 JOD in 12 films", "yes"],
-        "auto: at most 0.1 JOD behind the best closed form of a film, in 95% of films": ["92%", "**no**"],
-        "auto: mean JOD 0.35 above the mean of every closed form": ["+0.21 beside lean (gaussian)", "**no**"],
-        f"neural: {under}": ["+0.33 JOD in 12 films", "**no**"],
-        "neural: in no film more than 0.2 JOD behind linear (box)":
-            ["1 of 12 films are, at worst -0.50 JOD", "**no**"],
-        f"auto, accumulated: {under}": ["+0.60 JOD in 6 films", "yes"],
-        f"auto, accumulated, bias -1: {under}": ["+0.20 JOD in 6 films", "**no**"],
-        "auto, accumulated, bias -1: in no film more than 0.1 JOD behind linear (box)":
-            ["0 of 6 films are, at worst +0.20 JOD", "yes"],
-        "auto: flicker 0.8 to 1.25 times the reference's, in 60% of films": ["67%", "yes"],
-        "auto: in no film flicker above 1.25 times the reference's and above the flicker of linear (box)":
-            ["4 of 12 films have", "**no**"],
-    }  # fmt: skip
-    assert {name: row(text, name) for name in reached} == reached
-    missed = said(text).partition("Of these")[2]
-    assert all((name in missed) == (cells[1] == "**no**") for name, cells in reached.items())
-
-
 def test_jod_by_scene_sampler_and_method(block: Callable[..., str]) -> None:
     text = block("jod", worse)
-    heads = row(text, "mean JOD")
-    assert heads == [*(f"{scene}, {sampler}" for scene in SCENES for sampler in SAMPLERS), "all"]
-    assert row(text, "auto")[2:4] == ["9.05", "**9.60**"] and row(text, "lean (gaussian)")[2] == "**9.30**"
+    assert row(text, "mean JOD") == [*(f"{scene}, {sampler}" for sampler in SAMPLERS for scene in SCENES), "all"]
+    assert row(text, "auto")[1:3] == ["9.05", "**9.60**"] and row(text, "lean (gaussian)")[1] == "**9.30**"
     assert row(text, "linear (box)") == ["9.00"] * 7
-    text = block("jod-strata", worse)
-    assert row(text, "mean JOD") == ["glossy, bumpy", "glossy, flat"]
-    assert row(text, "auto") == ["**9.60**", "**9.42**"]
 
 
 def test_films_beside_linear(block: Callable[..., str]) -> None:
     text = block("beside-linear", worse)
-    assert "| auto | wall, trilinear | 2 | +0.05 | -0.50 (b) | +0.60 (a) | 50% |" in text
-    assert "| auto | glossy, flat | 6 | +0.42 | -0.50 (b) | +0.60 (b) | 83% |" in text
-    assert "| neural | all | 12 | +0.33 | -0.50 (b) | +0.40 (a) | 92% |" in text
-    text = block("misses", worse)
-    assert "behind `linear (box)` in 1 films" in said(text)
-    assert row(text, "b, wall, trilinear") == ["9.00", "8.50", "8.50", "-0.50"]
-    assert "in no film more than 0.03 JOD behind" in said(block("misses"))
-
-
-def test_more_films_are_missed_than_are_named(block: Callable[..., str], module: Callable[[str], ModuleType]) -> None:
-    kept = data(lambda method, _: {"jod-37": 8.9} if method == "auto" else {}, tuple("abcde"))
-    text = module("records.views").VIEWS["films/misses"]({"films": kept})
-    assert "in 30 films" in said(text) and "leaves out 10 of them" in said(text) and text.count("-0.10") == 20
-
-
-def test_where_something_can_be_won(block: Callable[..., str]) -> None:
-    def fine(method: str, where: Mapping[str, Any]) -> Mapping[str, Any]:
-        return {"jod-37": 9.5} if method == "linear (box)" and where["scene"] == "wall" else {}
-
-    text = block("low", fine)
-    assert "below 9.5 JOD in 8 films, and has 9.00 JOD there" in said(text)
-    assert row(text, "auto") == ["9.60", "+0.60", "100%"]
-    assert "below 9.5 JOD in no film" in said(block("low", lambda method, _: {"jod-37": 9.8}))
-    assert "in the mean of films where" not in block("aims", lambda method, _: {"jod-37": 9.8})
-
-
-def test_closed_forms(block: Callable[..., str]) -> None:
-    text = block("best-form", worse)
-    assert row(text, "wall, trilinear") == ["50%", "50%"] and row(text, "all") == ["92%", "92%"]
-    text = block("forms")
-    assert row(text, "lean (gaussian)") == ["9.30", "+0.10", "100%"]
-    assert said(text).endswith("The mean of every closed form is below it.")
-    text = block("forms", lambda method, _: {"jod-37": 9.4} if method.startswith("lean") else {})
-    assert said(text).endswith("The means of `lean (gaussian)` are not below it.")
+    assert row(text, "auto: glossy, flat") == ["6", "+0.42", "-0.50 (b, wall)", "+0.60 (b, floor)", "83%", "83%"]
+    assert row(text, "auto: accumulated, bias -1")[:2] == ["6", "+0.60"]
+    assert row(text, "neural: all") == ["12", "+0.33", "-0.50 (b, wall)", "+0.40 (a, floor)", "92%", "92%"]
+    # 0.1 behind the best closed form is near it, and more is not.
+    for jod, near in ((9.2, "100%"), (9.19, "0%")):
+        text = block("beside-linear", lambda method, _, jod=jod: {"jod-37": jod} if method == "auto" else {})
+        assert row(text, "auto: all")[-1] == near
 
 
 def test_flicker_and_false_sparkle(block: Callable[..., str]) -> None:
@@ -212,24 +140,12 @@ def test_flicker_and_false_sparkle(block: Callable[..., str]) -> None:
         return worse(method, where)
 
     text = block("steady", changed)
-    assert row(text, "auto") == ["100%", "0%", "0%", "1.10", "100%", "1.00"]
-    assert row(text, "neural") == ["50%", "0%", "50%", "1.20", "67%", "1.33"]
+    assert row(text, "auto") == ["100%", "0%", "0%", "1.10", "100%"]
+    assert row(text, "neural") == ["50%", "0%", "50%", "1.20", "67%"]
     assert row(text, "godot (gaussian)")[:3] == ["0%", "100%", "0%"] and row(text, "godot (gaussian)")[4] == "100%"
-    words = said(block("steady-words"))
-    assert "`linear (box)` has that little in 0% of films" in words and "from 0.8 to 1.25 times" in words
+    assert "from 0.8 to 1.25 times" in said(text)
     faint = block("steady", lambda method, _: {"sparkle": 0.00009 if method == "auto" else 0.0})
     assert row(faint, "auto")[4] == "100%"
-
-
-def test_accumulated_films(block: Callable[..., str]) -> None:
-    def half(method: str, where: Mapping[str, Any]) -> Mapping[str, Any]:
-        return {"jod-37": 9.3} if method == "auto" and where["sampler"] in ACCUMULATED else {}
-
-    text = block("accumulated", half)
-    assert row(text, "auto") == ["9.30"] * 7 and row(text, "neural") == ["**9.40**"] * 7
-    assert "| auto | accumulated | +0.30 | +0.30 in 6 | +0.30 (a) | +0.30 (a) | 100% |" in text
-    assert "| godot (gaussian) | accumulated, bias -1 | -1.00 | -1.00 in 6 | -1.00 (a) | -1.00 (a) | 0% |" in text
-    assert row(block("accumulated-steady", half), "auto")[0] == "100%"
 
 
 def test_how_measures_rank(block: Callable[..., str]) -> None:

@@ -96,7 +96,8 @@ def test_whole_pages_are_made_from_their_data(module: Callable[[str], ModuleType
     run = commands.Run("tiles", "bake, all formats", 0, "", 3.0, 1.5, 2.0, costs=losses, warnings=())
     data = {"machine": "a machine", "python": "3.11", "fast": "linear", "runs": [dataclasses.asdict(run)]}
     page = commands.page_of(json.loads(json.dumps(data)))
-    assert "on a machine, Python 3.11: 1 sets" in page and "| tiles | +0.01 / -0.02 |" in page
+    assert "on a machine, Python 3.11: 1 sets" in page and "| exr | 0 of 1 | 0.01 | 0.01 |" in page
+    assert "| bake, all formats | 3.0 | 3.0 | 1.50 | 2.0 |" in page
     three = script("benchmarks/engines", "three_table")
     cells = [
         {"set": "tiles", "view": "wall-far", "shape": "wall", "scale": "far", "lod": 7.0, "candidate": name,
@@ -106,6 +107,7 @@ def test_whole_pages_are_made_from_their_data(module: Callable[[str], ModuleType
     notes = {"engine": {"three": "187", "renderer": "R"}, "levels": ["ok"], "machine": "M", "sizes": [96, 512, 1024]}
     page = three.page_of({"cells": cells, "notes": notes})
     assert "three.js r187 in headless Chromium on M; renderer: R. Pictures of\n96 x 96 pixels" in page
+    assert "Of these 1 views 0 have a reference" in page and "| neural, ktx2-rgba8 | 12.5 dB | 0.0500 |" in page
     assert "| neural | all | 1 of 1 | +2.50 dB | +2.5 dB | +2.5 dB | 0 of 1 | +0.0000 |" in page  # as it is shown
     said = " ".join(module("records.views").VIEWS["engines-three/summary"]({"engines-three": {"cells": cells}}).split())
     assert "FLIP is lower in 0 views with the network and in 1 with `auto`." in said and "in 1 views, by 2.5 dB" in said
@@ -118,7 +120,7 @@ def test_whole_pages_are_made_from_their_data(module: Callable[[str], ModuleType
     data = {"machine": "M", **{table: [dataclasses.asdict(lost)] for table in blocks.TABLES}}
     page = blocks.page_of(json.loads(json.dumps(data)))
     assert "| tiles | 2.00 / 0.40 | 0.30 / 0.50 | none |" in page
-    assert "| plain | 1 | 0 | 0 | 2.00 | 2.00 |" in page and "| glb | 1 | 1 | 1 | 0.50 | 0.50 |" in page
+    assert "| plain | 1 | 0 | 0 | 2.00 | 2.00 (tiles) |" in page and "| glb | 1 | 1 | 1 | 0.50 | 0.50 (tiles) |" in page
     cycles = script("benchmarks/engines", "cycles_proof")
     data = {"machine": "M", "version": "4.5", "sigma": 0.502, "pixels": 96, "texels": 256, "suns": 3, "samples": 256,
             "columns": ["neural", "reference"], "rows": {"tiles": [10.04, 50.0]}}  # fmt: skip
@@ -201,14 +203,20 @@ def test_results_are_packed_without_loss(module: Callable[[str], ModuleType]) ->
 def test_what_a_benchmark_printed(module: Callable[[str], ModuleType], tmp_path: Path) -> None:
     views, record = module("records.views").VIEWS, module("records.record")
     for lines, shown in (
-        (["words " * 30, "", "| " + "cell " * 40 + "|"], ["| cell cell"]),
+        (["words " * 30, "", "| heads |", "|---|", "| " + "cell " * 40 + "|"], ["| heads |\n|---|\n| cell cell"]),
         (["a   1 ms", "b  10 ms"], ["```\na   1 ms\nb  10 ms\n```"]),
     ):
-        made = record.Record("timing-bake", record.Measured("today", "M", 1.0, "0.1.0"), {"printed": lines}, tmp_path)
+        made = record.Record("timing-card", record.Measured("today", "M", 1.0, "0.1.0"), {"printed": lines}, tmp_path)
         made.save()
-        said = views["timing-bake/printed"](record.Records(tmp_path))
+        said = views["timing-card/printed"](record.Records(tmp_path))
         assert all(part in said for part in shown) and said.endswith("\n\nMeasured today on M.")
         assert all(len(line) <= 120 or line.startswith("|") for line in said.splitlines())
+    lines = ["M", "", "| process |", "|---|", "| bake linear |", "| bake auto |", "", "| other |", "|---|", "| none |"]
+    record.Record("timing-bake", record.Measured("today", "M", 1.0, "0.1.0"), {"printed": lines}, tmp_path).save()
+    said = views["timing-bake/printed"](record.Records(tmp_path))
+    assert said.startswith(
+        "M\n\n| process |\n|---|\n| bake auto |\n\nMeasured today on M; the [record](records/timing-bake"
+    )
 
 
 def test_blocks_are_filled(module: Callable[[str], ModuleType]) -> None:

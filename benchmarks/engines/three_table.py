@@ -49,6 +49,13 @@ def page_of(data: Mapping[str, Any]) -> str:
     cells, notes = [Cell(**each) for each in data["cells"]], data["notes"]
     side, texels, most = notes["sizes"]
     engine = notes["engine"]
+    plain = [cell for cell in cells if cell.container == PLAIN]
+    views = [
+        {c.candidate: c for c in plain if (c.set, c.view) == key}
+        for key in dict.fromkeys((c.set, c.view) for c in plain)
+    ]
+    # What was measured later was measured against a reference of its own.
+    noisy = sum(any(cell.reference_snr < cell.snr + MARGIN_DB for cell in row.values()) for row in views)
     return f"""# Results in three.js
 
 three.js r{engine["three"]} in headless Chromium on {notes["machine"]}; renderer: {engine["renderer"]}. Pictures of
@@ -61,16 +68,16 @@ makes this page; [README.md](README.md) says how it measures.
 
 ## Baked against linear, 8 bits a channel (KTX 2, RGBA8)
 
-SNR in dB (higher is better) and FLIP (lower is better); **bold** is the best of a row. `linear` is the box average that
-an engine makes of level 0; `linear, filtered` averages under the pixel filter at every level, level 0 included.
-`reference` is the SNR of the reference itself, from its two independent halves: it shall lie {MARGIN_DB:g} dB above the
-best candidate; * where {2 * most} samples a pixel did not suffice.
+The table compares with `linear`, the box average that an engine makes of level 0. `linear, filtered` averages under the
+pixel filter at every level, level 0 included. Of these {len(views)} views {noisy} have a reference that lies less than
+{MARGIN_DB:g} dB above the best candidate after {2 * most} samples a pixel. The
+[record](../records/engines-three.json) has the figures of each view.
 
-{_lines(_main(cells))}
+{_lines(_gains(views))}
 
 ## In every container
 
-Means over the views of a set.
+Means over the views.
 
 {_lines(_containers(cells))}
 """
@@ -80,40 +87,13 @@ def _lines(lines: Iterable[str]) -> str:
     return "\n".join(lines)
 
 
-def _main(cells: Sequence[Cell]) -> list[str]:
-    plain = [cell for cell in cells if cell.container == PLAIN]
-    names = list(dict.fromkeys(cell.candidate for cell in plain))
-    lines = [
-        f"| set | view | lod | {' | '.join(f'SNR {n}' for n in names)} "
-        f"| {' | '.join(f'FLIP {n}' for n in names)} | reference |",
-        "|---|---|" + "---:|" * (2 * len(names) + 2),
-    ]
-    rows = []
-    for key in dict.fromkeys((cell.set, cell.view) for cell in plain):
-        row = {cell.candidate: cell for cell in plain if (cell.set, cell.view) == key}
-        rows.append(row)
-        linear = row["linear"]
-        # What was measured later was measured against a reference of its own.
-        noisiest = min(row.values(), key=lambda cell: cell.reference_snr)
-        short = " *" if any(cell.reference_snr < cell.snr + MARGIN_DB for cell in row.values()) else ""
-        # Rounded as they are shown, so that what reads the same is marked the same.
-        snrs, flips = {n: round(row[n].snr, 1) for n in row}, {n: round(row[n].flip, 4) for n in row}
-        high, low = max(snrs.values()), min(flips.values())
-        shown = [_bold(f"{snrs[n]:.1f}", snrs[n] == high) if n in row else "" for n in names]
-        shown += [_bold(f"{flips[n]:.4f}", flips[n] == low) if n in row else "" for n in names]
-        lines.append(
-            f"| {key[0]} | {key[1]} | {linear.lod:g} | {' | '.join(shown)} | {noisiest.reference_snr:.1f}{short} |"
-        )
-    return [*lines, "", *_gains(rows, names)]
-
-
-def _gains(rows: Sequence[Mapping[str, Cell]], names: Sequence[str]) -> list[str]:
+def _gains(rows: Sequence[Mapping[str, Cell]]) -> list[str]:
     """A table of how every candidate stands beside `linear`: everywhere, by shape and by scale."""
     lines = [
         "| beside `linear` | views | better in SNR | mean gain | least | largest | better in FLIP | its mean change |",
         "|---|---|---:|---:|---:|---:|---:|---:|",
     ]
-    cells = [row["linear"] for row in rows]
+    cells, names = [row["linear"] for row in rows], dict.fromkeys(name for row in rows for name in row)
     parts = ["all", *dict.fromkeys(c.shape for c in cells), *dict.fromkeys(c.scale for c in cells)]
     for name, part in ((name, part) for name in names if name != "linear" for part in parts):
         pairs = [
@@ -122,7 +102,7 @@ def _gains(rows: Sequence[Mapping[str, Cell]], names: Sequence[str]) -> list[str
             if name in row and part in ("all", row["linear"].shape, row["linear"].scale)
         ]
         gains = [a.snr - b.snr for a, b in pairs]
-        changes = [round(a.flip, 4) - round(b.flip, 4) for a, b in pairs]  # as the table above shows them
+        changes = [round(a.flip, 4) - round(b.flip, 4) for a, b in pairs]
         lines.append(
             f"| {name} | {part} | {sum(g > 0 for g in gains)} of {len(gains)} | {fmean(gains):+.2f} dB "
             f"| {min(gains):+.1f} dB | {max(gains):+.1f} dB "
@@ -132,23 +112,13 @@ def _gains(rows: Sequence[Mapping[str, Cell]], names: Sequence[str]) -> list[str
 
 
 def _containers(cells: Sequence[Cell]) -> list[str]:
-    columns = list(dict.fromkeys((cell.candidate, cell.container) for cell in cells))
-    lines = [
-        f"| set | {' | '.join(f'{name}: {container}' for name, container in columns)} |",
-        "|---|" + "---:|" * len(columns),
-    ]
-    for name in dict.fromkeys(cell.set for cell in cells):
-        figures = []
-        for column in columns:
-            some = [cell for cell in cells if (cell.set, cell.candidate, cell.container) == (name, *column)]
-            shown = f"{fmean(c.snr for c in some):.1f} dB, {fmean(c.flip for c in some):.4f}" if some else ""
-            figures.append(shown)
-        lines.append(f"| {name} | {' | '.join(figures)} |")
+    lines = ["| candidate, container | SNR | FLIP |", "|---|---:|---:|"]
+    for column in dict.fromkeys((cell.candidate, cell.container) for cell in cells):
+        some = [cell for cell in cells if (cell.candidate, cell.container) == column]
+        lines.append(
+            f"| {', '.join(column)} | {fmean(c.snr for c in some):.1f} dB | {fmean(c.flip for c in some):.4f} |"
+        )
     return lines
-
-
-def _bold(text: str, bold: bool) -> str:
-    return f"**{text}**" if bold else text
 
 
 def processor() -> str:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
+from records.wrapping import table
 
 from mipbake.quality.figures import SCALES
 from mipbake.quality.metrics import MEASURES, PAIR_SETS, mean_interval
-from results_page.files import OPTIMUM, SUBJECT, Results
+from results_page.files import FOUR, OPTIMUM, Results
 
 PLACES = {"near-mirror": "near the mirror", "hemisphere": "over the hemisphere", "sphere": "sphere"}
 DIGITS = {
@@ -27,103 +28,151 @@ DIGITS = {
 }
 
 
-def table(first: str, heads: Sequence[str], rows: Mapping[str, Sequence[str]]) -> str:
-    lines = [f"| {first} | " + " | ".join(heads) + " |", "|---" * (len(heads) + 1) + "|"]
-    return "\n".join([*lines, *(f"| {name} | " + " | ".join(cells) + " |" for name, cells in rows.items())]) + "\n"
-
-
-def average(measure: str, values: np.ndarray) -> tuple[float, float, float]:
-    """Mean and its 95 % interval over sets; of flicker, a ratio, the geometric mean. Sets without a figure are
-    left out."""
+def average(measure: str, values: np.ndarray) -> float:
+    """Mean over sets; of flicker, a ratio, the geometric mean. Sets without a figure are left out, and it is nan where
+    fewer than two are left."""
     known = values[np.isfinite(values) & ((values > 0) | (measure != "flicker"))]
     if len(known) < 2:
-        return math.nan, math.nan, math.nan
-    if measure == "flicker":
-        found = mean_interval(np.log(known))
-        return math.exp(found.estimate), math.exp(found.low), math.exp(found.high)
-    found = mean_interval(known)
-    return found.estimate, found.low, found.high
+        return math.nan
+    return float(np.exp(np.log(known).mean()) if measure == "flicker" else known.mean())
 
 
-def loss(measure: str, value: float) -> float:
-    return MEASURES[measure].loss(value)
-
-
-def lod_heads(results: Results) -> list[str]:
-    return [f"{lod:g}" for lod in results.lods]
-
-
-def by_lod(results: Results, pairs: str, names: Sequence[str] | None = None) -> str:
+def by_lod(results: Results, pairs: str) -> str:
     """Mean SNR by level of detail; the best of each column is bold."""
-    names = [*results.methods] if names is None else names
-    means = {name: [results.curve[name, pairs, lod].mean() for lod in results.lods] for name in names}
-    means = {name: [*row, float(np.mean(row))] for name, row in means.items()}
-    heads = [*lod_heads(results), "mean"]
-    best = [max(row[i] for name, row in means.items() if name != OPTIMUM) for i in range(len(heads))]
-    rows = {
-        name: [f"**{v:.1f}**" if v == b and name != OPTIMUM else f"{v:.1f}" for v, b in zip(row, best, strict=True)]
-        for name, row in means.items()
+    rows = {name: [results.curve[name, pairs, lod].mean() for lod in results.lods] for name in results.methods}
+    return _bold(pairs, [*map("{:g}".format, results.lods), "mean"], {n: [*r, np.mean(r)] for n, r in rows.items()})
+
+
+def _bold(first: str, heads: Sequence[str], rows: dict[str, list[float]]) -> str:
+    best = [max(column) for column in zip(*rows.values(), strict=True)]
+    cells = {
+        name: [f"**{v:.1f}**" if v == b else f"{v:.1f}" for v, b in zip(row, best, strict=True)]
+        for name, row in rows.items()
     }
-    return table(pairs, heads, rows)
+    return table([first, *heads], [[name, *row] for name, row in cells.items()]) + "\n"
 
 
-def by_scale(results: Results, measure: str, view: str) -> str:
-    """Means over sets with intervals, by scale; the best of each column is bold. Empty where nothing was measured."""
-    known = [name for name in results.methods if any((name, measure, view, s) in results.figures for s in SCALES)]
-    scales = [s for s in SCALES if known and all((name, measure, view, s) in results.figures for name in known)]
-    found = {
-        name: [average(measure, results.figures[name, measure, view, scale]) for scale in scales] for name in known
-    }
-    if not scales or all(math.isnan(row[0][0]) for row in found.values()):
-        return ""
-    shown, digits = {}, DIGITS[measure]
-    best = [min(loss(measure, row[i][0]) for name, row in found.items() if name != OPTIMUM) for i in range(len(scales))]
-    for name, row in found.items():
-        shown[name] = []
-        for (value, low, high), least in zip(row, best, strict=True):
-            mark = "**" if loss(measure, value) == least and name != OPTIMUM else ""
-            shown[name].append(
-                f"{mark}{value:.{digits}f}{mark} ({low:.{digits}f} to {high:.{digits}f})"
-                if not math.isnan(value)
-                else ""
-            )
-    return table("", scales, shown)
-
-
-def heading(measure: str, view: str) -> str:
-    about = MEASURES[measure]
-    better = {"higher": "higher is better", "lower": "lower is better", "one": "1 is right"}[about.direction]
-    unit = f"{about.unit}, " if about.unit else ""
-    return f"#### {about.title}, {PLACES.get(view, view)} ({unit}{better})\n"
-
-
-def per_set(results: Results, value: Callable[[str, float], np.ndarray], pairs: str) -> str:
-    """A row for each set of what `value` gives for all of them at a pair set and lod."""
-    columns = [value(pairs, lod) for lod in results.lods]
-    rows = {name: [f"{column[i]:+.1f}" for column in columns] for i, name in enumerate(results.sets)}
-    return table(pairs, lod_heads(results), rows)
-
-
-def costs(results: Results) -> str:
-    """What a method takes and what it gives."""
-    rows = {}
+def methods(results: Results) -> str:
+    """Flicker, FLIP and the costs of every method."""
+    near, *_, far = SCALES
+    rows = []
     for name in results.methods:
-        means = [np.mean([results.curve[name, pairs, lod] for lod in results.lods]) for pairs in PAIR_SETS]
-        cpu, wall, peak = (results.costs[name, what] for what in ("processor_seconds", "seconds", "peak_mib"))
-        rows[name] = [
-            f"{np.median(cpu):.1f}",
-            f"{cpu.max():.1f}",
-            f"{np.median(wall):.1f}",
-            f"{peak.max():.0f}",
-            *(f"{mean:.1f}" for mean in means),
-        ]
-    heads = ["processor seconds, median", "most", "wall seconds, median", "peak MiB, most"]
-    return table("", [*heads, *(f"SNR {pairs}" for pairs in PAIR_SETS)], rows)
+        figures = [(m, view, scale) for m, view in _SHOWN for scale in (near, far)]
+        means = [(m, average(m, results.figures[name, m, view, scale])) for m, view, scale in figures]
+        cpu, peak = (results.costs[name, what] for what in ("processor_seconds", "peak_mib"))
+        rows.append(
+            [name, *(f"{value:.{DIGITS[m]}f}" for m, value in means), f"{np.median(cpu):.1f}", f"{cpu.max():.1f}",
+             f"{peak.max():.0f}"]
+        )  # fmt: skip
+    heads = [f"{MEASURES[m].title}, {scale}" for m, _ in _SHOWN for scale in (near, far)]
+    return table(["method", *heads, "processor seconds, median", "most", "peak MiB, most"], rows) + "\n"
 
 
-def described(results: Results) -> str:
-    """A sentence on the weights behind the networks."""
-    used = {name: each["weights"] for name, each in results.methods.items() if each.get("weights")}
-    if SUBJECT not in used:
+_SHOWN = (("flicker", "hemisphere"), ("flip", "sphere"))
+
+
+def winners(results: Results) -> str:
+    """How far each learned method is ahead of the best closed form, by measure, view and scale."""
+    rows = []
+    for measure in MEASURES:
+        for view in (*PAIR_SETS, "sphere"):
+            cells = [[_ahead(results, name, measure, view, scale) for name in results.learned] for scale in SCALES]
+            if any(any(cell) for cell in cells):
+                title = f"{MEASURES[measure].title}, {PLACES[view]}"
+                rows.append([title, *(" / ".join(cell) for cell in cells)])
+    return table([f"{' / '.join(results.learned)}, better positive", *SCALES], rows) + "\n"
+
+
+def _ahead(results: Results, name: str, measure: str, view: str, scale: str) -> str:
+    """Mean difference to the closed form with the best mean: bold where its 95 % interval is above 0, italic where it
+    is below; empty where nothing was measured."""
+
+    def figures(of: str) -> np.ndarray:
+        return results.figures.get((of, measure, view, scale), np.array([]))
+
+    def loss(value: float) -> float:
+        return MEASURES[measure].loss(value)
+
+    means = {form: average(measure, figures(form)) for form in results.closed_forms}
+    rival = min(means, key=lambda form: loss(means[form]))
+    better = np.array([loss(b) - loss(a) for a, b in zip(figures(name), figures(rival), strict=True)])
+    better = better[np.isfinite(better)]
+    if len(better) < 2:
         return ""
-    return f"`{SUBJECT}` is the network `{used[SUBJECT]}`. "
+    gain = mean_interval(better)
+    mark = "**" if gain.low > 0 else "*" if gain.high < 0 else ""
+    return f"{mark}{gain.estimate:+.{DIGITS[measure]}f}{mark}"
+
+
+def against_four(results: Results) -> str:
+    """Learned methods against the best of FOUR for every set and level: mean gains, the worst, how many lose."""
+    rows = []
+    for pairs in PAIR_SETS:
+        for name in results.learned:
+            gains = results.gains(name, pairs, FOUR)
+            at, lod = np.unravel_index(gains.argmin(), gains.shape)
+            rows.append(
+                [
+                    f"{name}, {PLACES[pairs]}",
+                    *(f"{gain:+.1f}" for gain in gains.mean(0)),
+                    f"{gains.mean():+.2f}",
+                    f"{gains.min():+.1f} ({results.sets[int(at)]}, {results.lods[int(lod)]:g})",
+                    f"{int((gains < -1).sum())} of {gains.size}",
+                ]
+            )
+    heads = [*map("{:g}".format, results.lods), "mean", "worst (set, lod)", "below -1 dB"]
+    return table(["over the best of four, dB", *heads], rows) + "\n"
+
+
+def won(results: Results, name: str) -> dict[str, np.ndarray]:
+    """Scale to whether the FLIP of each set's sphere is below the FLIP of every closed form."""
+    scales = [scale for scale in SCALES if (name, "flip", "sphere", scale) in results.figures]
+    least = {s: np.min([results.figures[f, "flip", "sphere", s] for f in results.closed_forms], 0) for s in scales}
+    return {scale: results.figures[name, "flip", "sphere", scale] < least[scale] for scale in scales}
+
+
+def gaps(results: Results) -> str:
+    """Closed gap by pair set and lod: (method - best of FOUR) / (optimum - best of FOUR) of the means over sets."""
+    rows = []
+    for pairs in PAIR_SETS:
+        top = _means(results, OPTIMUM, pairs)
+        rows.append([f"optimum over the best of four, {PLACES[pairs]}", *(f"{gain:+.1f} dB" for gain in top)])
+        for name in results.learned:
+            cells = [_share(o, t) for o, t in zip(_means(results, name, pairs), top, strict=True)]
+            rows.append([f"closed gap of {name}, {PLACES[pairs]}", *cells])
+    return table(["", *map("{:g}".format, results.lods), "mean"], rows) + "\n"
+
+
+def _means(results: Results, name: str, pairs: str) -> list[float]:
+    """dB over the best of FOUR by lod, and their mean."""
+    gains = results.gains(name, pairs, FOUR).mean(0)
+    return [*map(float, gains), float(gains.mean())]
+
+
+def closed_gap(results: Results, name: str, pairs: str) -> str:
+    """Share of the gap over all levels; empty where there is none."""
+    return _share(_means(results, name, pairs)[-1], _means(results, OPTIMUM, pairs)[-1])
+
+
+def _share(own: float, top: float) -> str:
+    """Of a gap of at least 0.3 dB, below which a share means nothing."""
+    return f"{own / top:.0%}" if top > 0.3 else ""
+
+
+def targets(results: Results) -> list[tuple[str, str, str]]:
+    """Methods that were baked to both targets: name, and what files call it for `gltf` and `gltf-anisotropic`."""
+    ends = (" as gltf", " as gltf-anisotropic")
+    names = [name.removesuffix(ends[0]) for name in results.methods if name.endswith(ends[0])]
+    return [(name, name + ends[0], name + ends[1]) for name in names if name + ends[1] in results.methods]
+
+
+def two_widths(results: Results) -> str:
+    """Mean SNR of both targets, and what the second one gains, at worst and at best."""
+    rows = []
+    for pairs in PAIR_SETS:
+        for name, *both in targets(results):
+            snr = [np.mean([results.curve[each, pairs, lod] for lod in results.lods], 0) for each in both]
+            gain = snr[1] - snr[0]
+            ends = [f"{gain[i]:+.1f} ({results.sets[i]})" for i in (int(gain.argmin()), int(gain.argmax()))]
+            rows.append([f"{name}, {PLACES[pairs]}", *(f"{e.mean():.1f}" for e in snr), f"{gain.mean():+.2f}", *ends])
+    return table(["mean SNR", "`gltf`", "`gltf-anisotropic`", "gain", "worst", "best"], rows) + "\n"

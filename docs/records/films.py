@@ -79,20 +79,10 @@ class Film:
         """Whether it flickers as the reference does, within STEADY."""
         return STEADY[0] <= self.figures[method]["flicker"] <= STEADY[1]
 
-    def is_restless(self, method: str) -> bool:
-        """Whether it flickers more than LINEAR does, and more than the reference, beyond STEADY."""
-        found, plain = (self.figures[name].get("flicker", 0.0) for name in (method, LINEAR))
-        return found > max(plain, STEADY[1])
-
     def sparkles(self, method: str) -> bool:
         """Whether it sparkles more than LINEAR does, by more than 25 %."""
         found, plain = (self.figures[name]["sparkle"] for name in (method, LINEAR))
         return found > max(SPARKLE_MORE * plain, NO_SPARKLE)
-
-    @property
-    def name(self) -> str:
-        """For readers."""
-        return f"{self.set}, {self.scene}, {self.sampler}"
 
 
 def films(data: Mapping[str, Any], accumulated: bool) -> list[Film]:

@@ -1,21 +1,24 @@
-"""Pages, and parts of pages, made from records and from docstrings."""
+"""Pages, and parts of pages, made from records."""
 
 from __future__ import annotations
 
+import re
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from records import docstrings
 from records.known import KNOWN
-from records.pages import RELEASE, WHOLE, blocks, filled, pages, release
-from records.record import FOLDER, ROOT, Missing, Records, load
+from records.pages import RELEASE, blocks, filled, pages, release
+from records.record import FOLDER, ROOT, Missing, Records
 from records.scripts import script
 from records.views import VIEWS
 from records.wrapping import wrapped_page
 
 _CHARTS = {"docs/results.md": "results-figure-5-*.svg", "docs/paper-figures.md": "paper-figure-5-*.svg"}
 """Pages to the names of charts beside them, which are there for what was measured."""
+
+_FILE = re.compile(r"(<!-- file: (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
+"""A block that quotes a file."""
 
 
 def renewed(root: Path = ROOT, folder: Path = FOLDER) -> dict[Path, bytes | None]:
@@ -24,22 +27,27 @@ def renewed(root: Path = ROOT, folder: Path = FOLDER) -> dict[Path, bytes | None
     Pages of missing records are left alone.
     """
     records = Records(folder)
-    quoting = (root / docstrings.PAGE).read_text(encoding="utf-8")
-    made: dict[str, bytes | None] = {docstrings.PAGE: docstrings.fill(quoting).encode()}
-    for page in (each for each in pages(root) if each not in made):
-        text = (root / page).read_text(encoding="utf-8")
+    made: dict[str, bytes | None] = {}
+    for page in pages(root):
+        text = _FILE.sub(lambda found: _quoted(root, *found.groups()), (root / page).read_text(encoding="utf-8"))
         names = list(dict.fromkeys(name for each in blocks(text) for name in _records(each)))
         words = release(names, records) if names else None
         made[page] = filled(text, lambda name: words if name == RELEASE else block(name, records)).encode()  # noqa: B023
-    for page, names in WHOLE.items():
-        if load(names[0], folder) is not None:
-            made |= _PAGES[page](records)
-            made[page] = (made[page] or b"").rstrip() + f"\n\n{release(names, records)}\n".encode()
-    for page, charts in _CHARTS.items():  # of methods that are not measured any more
-        if load(WHOLE[page][0], folder) is not None:
-            made |= {f"docs/{old.name}": None for old in (root / "docs").glob(charts) if f"docs/{old.name}" not in made}
+    for page, (names, whole) in _WHOLE.items():
+        try:
+            records[names[0]]
+        except Missing:
+            continue
+        made |= whole(records)
+        made[page] = (made[page] or b"").rstrip() + f"\n\n{release(names, records)}\n".encode()
+        for old in (root / "docs").glob(_CHARTS.get(page, "nothing")):
+            made.setdefault(f"docs/{old.name}", None)  # of a method that is not measured any more
     there = {name: (root / name).read_bytes() if (root / name).exists() else None for name in made}
     return {root / name: content for name, content in made.items() if content != there[name]}
+
+
+def _quoted(root: Path, opening: str, name: str, closing: str) -> str:
+    return f"{opening}```python\n{(root / name).read_text(encoding='utf-8').strip()}\n```\n{closing}"
 
 
 def _records(block: str) -> list[str]:
@@ -58,7 +66,11 @@ def block(name: str, records: Records) -> str | None:
         return None
 
 
-def _charted(module: str, name: str) -> Callable[[Records], Mapping[str, bytes]]:
+Made = Callable[[Records], Mapping[str, bytes]]
+"""Records to a page, and charts beside it: paths relative to the root, and what they hold."""
+
+
+def _charted(module: str, name: str) -> Made:
     """A page that a module of `benchmarks` makes, with its charts."""
 
     def made(records: Records) -> Mapping[str, bytes]:
@@ -71,24 +83,21 @@ def _charted(module: str, name: str) -> Callable[[Records], Mapping[str, bytes]]
     return made
 
 
-def _figure_7(records: Records) -> Mapping[str, bytes]:
-    return {"docs/figure-7.md": script("docs", "make_figure_7").page_of(records["figure-7"], "figure-7").encode()}
+def _from(folder: str, file: str, name: str, page: str) -> tuple[Sequence[str], Made]:
+    """A page that `page_of` of a script makes of one record."""
+    return (name,), lambda records: {page: wrapped_page(script(folder, file).page_of(records[name])).encode()}
 
 
-def _from(folder: str, file: str, name: str, page: str) -> Callable[[Records], Mapping[str, bytes]]:
-    return lambda records: {page: wrapped_page(script(folder, file).page_of(records[name])).encode()}
-
-
-_PAGES: Mapping[str, Callable[[Records], Mapping[str, bytes]]] = {
-    "docs/results.md": _charted("results_page.page", "results.md"),
-    "docs/paper-figures.md": _charted("paper_page.page", "paper-figures.md"),
-    "docs/figure-7.md": _figure_7,
+_RESULTS = ("results-whole", "results-crop", "results-directional", "aims")
+_PAPER = ("results-models", "results-correlated", "paper-pictures", "constant-materials")
+_ENGINES = "benchmarks/engines"
+_WHOLE: Mapping[str, tuple[Sequence[str], Made]] = {
+    "docs/results.md": (_RESULTS, _charted("results_page.page", "results.md")),
+    "docs/paper-figures.md": (_PAPER, _charted("paper_page.page", "paper-figures.md")),
+    "docs/figure-7.md": _from("docs", "make_figure_7", "figure-7", "docs/figure-7.md"),
     "benchmarks/RESULTS-commands.md": _from("benchmarks", "commands", "commands", "benchmarks/RESULTS-commands.md"),
     "benchmarks/RESULTS-uastc.md": _from("benchmarks", "uastc", "uastc", "benchmarks/RESULTS-uastc.md"),
-    "benchmarks/engines/RESULTS.md": _from(
-        "benchmarks/engines", "three_table", "engines-three", "benchmarks/engines/RESULTS.md"
-    ),
-    "benchmarks/engines/RESULTS-cycles.md": _from(
-        "benchmarks/engines", "cycles_proof", "engines-cycles", "benchmarks/engines/RESULTS-cycles.md"
-    ),
+    f"{_ENGINES}/RESULTS.md": _from(_ENGINES, "three_table", "engines-three", f"{_ENGINES}/RESULTS.md"),
+    f"{_ENGINES}/RESULTS-cycles.md": _from(_ENGINES, "cycles_proof", "engines-cycles", f"{_ENGINES}/RESULTS-cycles.md"),
 }
+"""Pages that are made from records as a whole: the records, of which the first must be there, and what makes them."""

@@ -14,17 +14,6 @@ from pathlib import Path
 from records.record import ROOT, Records, goldens, load
 from records.wrapping import wrapped
 
-WHOLE: Mapping[str, tuple[str, ...]] = {
-    "docs/results.md": ("results-whole", "results-crop", "results-directional", "results-filters", "aims"),
-    "docs/paper-figures.md": ("results-models", "results-correlated", "paper-pictures", "constant-materials"),
-    "docs/figure-7.md": ("figure-7",),
-    "benchmarks/RESULTS-commands.md": ("commands",),
-    "benchmarks/RESULTS-uastc.md": ("uastc",),
-    "benchmarks/engines/RESULTS.md": ("engines-three",),
-    "benchmarks/engines/RESULTS-cycles.md": ("engines-cycles",),
-}
-"""Pages that are made from records as a whole. The first record must be there."""
-
 RELEASE = "release"
 
 _BLOCK = re.compile(r"(?<!`)(<!-- record:(\S+) -->)(\n?)(.*?)(\n *|)(<!-- end -->)", re.DOTALL)

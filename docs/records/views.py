@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -122,23 +123,47 @@ def fitting_table(records: Records) -> str:
     return table(["figure", "here", "paper", "settings here", "time, processor's time"], rows)
 
 
+def _kept(part: str, kept: re.Pattern[str]) -> str:
+    """A part of what was printed with the rows that are kept; empty where none of a table is."""
+    head, separator, *rows = [*part.splitlines(), "", ""]
+    if not head.startswith("|"):
+        return part
+    rows = [row for row in rows if row and kept.search(row)]
+    return "\n".join([head, separator, *rows]) if rows else ""
+
+
+KEPT: Mapping[str, str] = {
+    "timing-shading": r"\| 1 \|",
+    "timing-bake": r"--help|inspect, 1024|bake (lean|neural|auto)",
+    "timing-texture": r"\d\) \||^\| random, (anis|cube)",
+    "timing-raster": r"all three|^\| (1|1024) ",
+    "timing-render": r"candidate|reference",
+    "timing-stochastic": r"^\| (\d+K? t.* s: |figure \d, \w+ map \| \d)",
+    "timing-card-texture": r"(, forward|to texels) \| .*\(\d\.\d\) \|",
+    "timing-card-raster": r"all three|^\| (1|1024) ",
+}
+"""Record of time to what rows of its tables a page shows: those that match."""
+
 POSE = ("noise", "two phases", "symmetry")
 
 
 def printed(name: str) -> Callable[[Records], str]:
     """What a benchmark of time printed, with the machine and the day: Markdown where it has tables, else as it is.
 
-    Names of measures are spelled out.
+    Names of measures are spelled out. Of the rows of tables only those stay that KEPT asks for.
     """
+    kept = re.compile(KEPT.get(name, ""))
 
     def view(records: Records) -> str:
         record = records.record(name)
-        lines: list[str] = record.data["printed"]
+        parts = "\n".join(record.data["printed"]).split("\n\n")
+        lines = "\n\n".join(filter(None, (_kept(part, kept) for part in parts))).splitlines()
         if any(line.startswith("|") for line in lines):
             lines = [line if line.startswith("|") else wrapped(_SPELLED.get(line, line)) for line in lines]
         else:
             lines = ["```", *lines, "```"]
-        return "\n".join([*lines, "", f"Measured {record.measured.on} on {record.measured.machine}."])
+        more = f"; the [record](records/{name}.json) has more" if name in KEPT else ""
+        return "\n".join([*lines, "", wrapped(f"Measured {record.measured.on} on {record.measured.machine}{more}.")])
 
     return view
 

@@ -1,4 +1,4 @@
-"""The blocks of benchmarks/RESULTS-films.md."""
+"""The blocks of benchmarks/RESULTS-films.md, and the words about films in the README."""
 
 from __future__ import annotations
 
@@ -8,15 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from records.film_aims import (
-    FORM_BEHIND,
-    LEAST_BEHIND,
-    LOW,
-    aims,
-    behind,
-    low,
-    near_the_best_form,
-)
 from records.films import (
     APART,
     AUTO,
@@ -48,9 +39,6 @@ MEASURES: Mapping[str, tuple[str, bool]] = {
     "snr": ("SNR of linear light", True),
 }
 """Measure that is ranked beside the judge to what it is called, and whether more is better."""
-
-MOST_NAMED = 20
-"""Films that are named, at most, where an aim is missed."""
 
 
 def setup(records: Records) -> str:
@@ -85,137 +73,57 @@ def short(records: Records) -> str:
         f"worse by as much in {worse:.0%}. In films with temporal accumulation, which many engines have, the mean is "
         f"{later:+.2f} JOD. The network alone gains {alone.mean:+.2f} JOD, and from "
         f"{alone.film_gain(alone.worst):+.2f}: what `{AUTO}` adds for its time is a guard. "
-        "[Films](benchmarks/RESULTS-films.md) has all of them."
+        "[Films](benchmarks/RESULTS-films.md) has more."
     )
 
 
-def aimed_at(records: Records) -> str:
-    """Aims, and which of them are missed."""
-    found = aims(_films(records), _films(records, True))
-    missed = [aim.name for aim in found if not aim.met]
-    said = "All of these aims are met." if not missed else f"Of these {len(found)} aims {len(missed)} are missed: "
-    rows = [[aim.name, aim.reached, "yes" if aim.met else "**no**"] for aim in found]
-    return f"{table(['aim', 'measured', 'met'], rows)}\n\n{wrapped(said + '; '.join(missed) + '.' * bool(missed))}"
-
-
 def jod(records: Records) -> str:
-    """Mean JOD by method, scene and sampler."""
-    found = _films(records)
-    return _means([*_places(found), ("all", found)])
-
-
-def jod_strata(records: Records) -> str:
-    """Mean JOD by method and kind of set."""
-    return _means(_strata(_films(records)))
+    """Mean JOD, methods down, scenes and samplers across; the best of a column is bold."""
+    parts = _parts(_films(records))
+    shown = {name: [round(mean_jod(some, name), 2) for _, some in parts] for name in parts[0][1][0].methods}
+    most = [max(column) for column in zip(*shown.values(), strict=True)]
+    rows = [
+        [name, *(f"**{v:.2f}**" if v == best else f"{v:.2f}" for v, best in zip(row, most, strict=True))]
+        for name, row in shown.items()
+    ]
+    return table(["mean JOD", *(title for title, _ in parts)], rows)
 
 
 def beside_linear(records: Records) -> str:
     """How auto and the network stand beside LINEAR, film by film."""
-    found, rows = _films(records), []
+    found, later = _films(records), _films(records, True)
+    parts = [("all", found), *_strata(found), *_by(later, lambda film: film.sampler)]
+    rows = []
     for method in SUBJECTS:
-        for title, some in _parts(found):
+        for title, some in parts:
             each = gain(some, method)
-            worst, best = (f"{each.film_gain(film):+.2f} ({film.set})" for film in (each.worst, each.best))
-            rows.append([method, title, str(len(some)), f"{each.mean:+.2f}", worst, best, f"{each.above:.0%}"])
-    return table(["method", "films", "how many", "mean", "worst", "best", "above"], rows)
-
-
-def misses(records: Records) -> str:
-    """Films in which auto is behind LINEAR by more than it may be."""
-    found = behind(_films(records), AUTO, LEAST_BEHIND)
-    if not found:
-        return wrapped(f"`{AUTO}` is in no film more than {LEAST_BEHIND:g} JOD behind `{LINEAR}`.")
-    rows = [
-        [film.name, *(f"{film.jod(name):.2f}" for name in (LINEAR, AUTO, NEURAL)), f"{film.over(AUTO):+.2f}"]
-        for film in found[:MOST_NAMED]
-    ]
-    more = len(found) - len(rows)
-    said = f"`{AUTO}` is more than {LEAST_BEHIND:g} JOD behind `{LINEAR}` in {len(found)} films, the farthest first."
-    said += f" The table leaves out {more} of them, which are closer." if more else ""
-    return f"{wrapped(said)}\n\n{table(['film', LINEAR, AUTO, NEURAL, f'{AUTO} over {LINEAR}'], rows)}"
-
-
-def low_films(records: Records) -> str:
-    """What is won where something can be won."""
-    found = low(_films(records))
-    if not found:
-        return wrapped(f"`{LINEAR}` is below {LOW:g} JOD in no film.")
-    rows = [
-        [name, f"{mean_jod(found, name):.2f}", f"{gain(found, name).mean:+.2f}", f"{gain(found, name).above:.0%}"]
-        for name in found[0].methods
-        if name != LINEAR
-    ]
-    said = f"`{LINEAR}` is below {LOW:g} JOD in {len(found)} films, and has {mean_jod(found, LINEAR):.2f} JOD there."
-    return f"{wrapped(said)}\n\n{table(['method', 'mean JOD', f'over {LINEAR}', 'above'], rows)}"
-
-
-def best_form(records: Records) -> str:
-    """How often auto and the network keep up with the best closed form of a film."""
-    found = _films(records)
-    rows = [
-        [title, *(f"{near_the_best_form(some, method):.0%}" for method in SUBJECTS)] for title, some in _parts(found)
-    ]
-    heads = ["films", *(f"{method}, at most {FORM_BEHIND:g} JOD behind" for method in SUBJECTS)]
+            ends = (f"{each.film_gain(film):+.2f} ({film.set}, {film.scene})" for film in (each.worst, each.best))
+            near = share(some, lambda film, method=method: round(film.behind_the_best_form(method), 6) <= APART)  # type: ignore[misc]
+            rows.append(
+                [f"{method}: {title}", str(len(some)), f"{each.mean:+.2f}", *ends, f"{each.above:.0%}", f"{near:.0%}"]
+            )
+    heads = ["films", "how many", "mean", "worst", "best", "above", f"at most {APART:g} behind the best form"]
     return table(heads, rows)
 
 
-def forms(records: Records) -> str:
-    """The network beside every closed form."""
-    found, mine = _films(records), mean_jod(_films(records), NEURAL)
-    means = {name: mean_jod(found, name) for name in found[0].forms}
-    rows = [
-        [name, f"{mean:.2f}", f"{mine - mean:+.2f}", f"{gain(found, NEURAL, name).above:.0%}"]
-        for name, mean in sorted(means.items(), key=lambda each: -each[1])
-    ]
-    ahead = [name for name, mean in means.items() if mean >= mine]
-    said = f"The mean of `{NEURAL}` is {mine:.2f} JOD. "
-    said += (
-        f"The means of {_listed([f'`{name}`' for name in ahead])} are not below it."
-        if ahead
-        else "The mean of every closed form is below it."
-    )
-    heads = ["closed form", "mean JOD", f"{NEURAL} over it", f"films with {NEURAL} above it"]
-    return f"{table(heads, rows)}\n\n{wrapped(said)}"
-
-
 def steady(records: Records) -> str:
-    """Flicker and false sparkle."""
-    return _steady(_films(records))
-
-
-def steady_words(records: Records) -> str:
-    """What the table of flicker and sparkle means."""
-    found = _films(records)
-    return wrapped(
-        f"The reference changes enough for a figure of flicker in {len(moving(found, LINEAR))} of {len(found)} films. "
-        f"Flicker is within 25 % where it is from {STEADY[0]:g} to {STEADY[1]:g} times the reference's. The reference "
-        "has no false sparkle, because false sparkle is what the reference does not have. So nothing can lie within "
-        f"25 % of it, and the table compares with `{LINEAR}` instead: a film counts where its false sparkle is at most "
-        f"{SPARKLE_MORE:g} times the false sparkle of `{LINEAR}`, or below {NO_SPARKLE:g}, which is as good as none (a "
-        f"guess). `{LINEAR}` has that little in {share(found, lambda film: _sparkle(film, LINEAR) <= NO_SPARKLE):.0%} "
-        "of films."
+    """Flicker and false sparkle, without accumulation."""
+    found, rows = _films(records), []
+    for name in found[0].methods:
+        moved = moving(found, name)
+        flicker = np.array([film.figures[name]["flicker"] for film in moved])
+        shares = [np.mean(each) if flicker.size else math.nan for each in (flicker < STEADY[0], flicker > STEADY[1])]
+        calm = share(moved, lambda film, name=name: film.is_steady(name))  # type: ignore[misc]
+        clean = share(found, lambda film, name=name: not film.sparkles(name))  # type: ignore[misc]
+        median = np.median(flicker) if flicker.size else math.nan
+        rows.append([name, f"{calm:.0%}", *(f"{each:.0%}" for each in shares), f"{median:.2f}", f"{clean:.0%}"])
+    least, most = STEADY
+    said = (
+        f"Flicker is right where it is from {least:g} to {most:g} times the reference's. The last column is the share "
+        f"of films whose false sparkle is at most {SPARKLE_MORE:g} times that of `{LINEAR}`, or below {NO_SPARKLE:g}."
     )
-
-
-def accumulated_jod(records: Records) -> str:
-    """Mean JOD of accumulated films, and how methods stand beside LINEAR under each sampler."""
-    found, rows = _films(records, True), []
-    parts = _by(found, lambda film: film.sampler)
-    for method in found[0].methods:
-        if method == LINEAR:
-            continue
-        for title, some in parts:
-            each, hard = gain(some, method), low(some)
-            worst, best = (f"{each.film_gain(film):+.2f} ({film.set})" for film in (each.worst, each.best))
-            won = f"{gain(hard, method).mean:+.2f} in {len(hard)}" if hard else "no such film"
-            rows.append([method, title, f"{each.mean:+.2f}", won, worst, best, f"{each.above:.0%}"])
-    heads = ["method", "sampler", "mean", f"where {LINEAR} is below {LOW:g}", "worst", "best", "above"]
-    return f"{_means([*_places(found), ('all', found)])}\n\n{table(heads, rows)}"
-
-
-def accumulated_steady(records: Records) -> str:
-    """Flicker and false sparkle of accumulated films."""
-    return _steady(_films(records, True))
+    heads = ["method", "flicker is right", "too calm", "too restless", "median flicker", "sparkle is low"]
+    return f"{table(heads, rows)}\n\n{wrapped(said)}"
 
 
 def ranks(records: Records) -> str:
@@ -253,21 +161,14 @@ def _by(found: Sequence[Film], key: Callable[[Film], str]) -> list[tuple[str, li
     return [(title, [film for film in found if key(film) == title]) for title in dict.fromkeys(map(key, found))]
 
 
-def _places(found: Sequence[Film]) -> list[tuple[str, list[Film]]]:
-    """Title to films: of each scene and sampler."""
-    parts = dict(_by(found, lambda film: f"{film.scene}, {film.sampler}"))
-    titles = [f"{scene}, {sampler}" for scene in _scenes(found) for sampler in _samplers(found)]
-    return [(title, parts[title]) for title in titles]
-
-
 def _strata(found: Sequence[Film]) -> list[tuple[str, list[Film]]]:
     """Title to films: of each kind of set."""
     return sorted(_by(found, lambda film: film.stratum))
 
 
 def _parts(found: Sequence[Film]) -> list[tuple[str, list[Film]]]:
-    """Title to films: of each scene and sampler, of each kind of set, and all."""
-    return [*_places(found), *_strata(found), ("all", list(found))]
+    """Title to films: of each scene and sampler, and all."""
+    return [*_by(found, lambda film: f"{film.scene}, {film.sampler}"), ("all", list(found))]
 
 
 def _strata_words(found: Sequence[Film]) -> str:
@@ -278,51 +179,6 @@ def _strata_words(found: Sequence[Film]) -> str:
     )
 
 
-def _means(parts: Sequence[tuple[str, Sequence[Film]]]) -> str:
-    """Mean JOD, methods down and films across; the best of a column is bold."""
-    shown = {name: [round(mean_jod(some, name), 2) for _, some in parts] for name in parts[0][1][0].methods}
-    most = [max(column) for column in zip(*shown.values(), strict=True)]
-    rows = [
-        [
-            name,
-            *(f"**{value:.2f}**" if value == best else f"{value:.2f}" for value, best in zip(row, most, strict=True)),
-        ]
-        for name, row in shown.items()
-    ]
-    return table(["mean JOD", *(title for title, _ in parts)], rows)
-
-
-def _steady(found: Sequence[Film]) -> str:
-    rows = []
-    for name in found[0].methods:
-        moved = moving(found, name)
-        flicker = np.array([film.figures[name]["flicker"] for film in moved])
-        shares = [np.mean(each) if flicker.size else math.nan for each in (flicker < STEADY[0], flicker > STEADY[1])]
-        calm = share(moved, lambda film, name=name: film.is_steady(name))  # type: ignore[misc]
-        clean = share(found, lambda film, name=name: not film.sparkles(name))  # type: ignore[misc]
-        sparkle = 1000 * float(np.mean([_sparkle(film, name) for film in found]))
-        median = np.median(flicker) if flicker.size else math.nan
-        rows.append(
-            [
-                name,
-                f"{calm:.0%}",
-                *(f"{each:.0%}" for each in shares),
-                f"{median:.2f}",
-                f"{clean:.0%}",
-                f"{sparkle:.2f}",
-            ]
-        )
-    heads = [
-        "method", "flicker within 25 %", "too calm", "too restless", "median flicker", f"sparkle as {LINEAR}",
-        "mean false sparkle, thousandths",
-    ]  # fmt: skip
-    return table(heads, rows)
-
-
-def _sparkle(film: Film, name: str) -> float:
-    return film.figures[name]["sparkle"]
-
-
 def _listed(words: Sequence[str]) -> str:
     return f"{', '.join(words[:-1])} and {words[-1]}" if len(words) > 1 else "".join(words)
 
@@ -330,18 +186,9 @@ def _listed(words: Sequence[str]) -> str:
 FILM_VIEWS: Mapping[str, Callable[[Any], str]] = {
     "short": short,
     "setup": setup,
-    "aims": aimed_at,
     "jod": jod,
-    "jod-strata": jod_strata,
     "beside-linear": beside_linear,
-    "misses": misses,
-    "low": low_films,
-    "best-form": best_form,
-    "forms": forms,
     "steady": steady,
-    "steady-words": steady_words,
-    "accumulated": accumulated_jod,
-    "accumulated-steady": accumulated_steady,
     "ranks": ranks,
 }
 """Name of a block, behind `films/`, to what makes its text."""

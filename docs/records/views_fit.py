@@ -33,8 +33,8 @@ def fit_pictures(records: Records) -> str:
 
 
 FIT_VIEWS: Mapping[str, Callable[[Any], str]] = {
-    "fit/displayed": lambda records: _tables().table(records[RECORD], "snr-displayed"),
-    "fit/linear": lambda records: _tables().table(records[RECORD], "snr"),
+    "fit/displayed": lambda records: _tables().means_table(records[RECORD], "snr-displayed"),
+    "fit/linear": lambda records: _tables().means_table(records[RECORD], "snr"),
     "fit/single": lambda records: _tables().single_table(records[RECORD], "snr-displayed"),
     "fit/words": fit_words,
     "fit/pictures": fit_pictures,

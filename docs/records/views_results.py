@@ -15,7 +15,7 @@ from records.scripts import script
 if TYPE_CHECKING:
     from records.record import Records
 
-_files, _standing, _tables = (script("benchmarks", f"results_page.{name}") for name in ("files", "standing", "tables"))
+_files, _tables = (script("benchmarks", f"results_page.{name}") for name in ("files", "tables"))
 FOUR, LINEAR, SUBJECT = _files.FOUR, _files.LINEAR, _files.SUBJECT
 
 SHOWN = {
@@ -70,11 +70,11 @@ def results_words(records: Records) -> str:
 
 
 def _seen(results: Any, name: str) -> str:
-    return f"{np.mean([*_standing.won(results, name).values()]):.0%}"
+    return f"{np.mean([*_tables.won(results, name).values()]):.0%}"
 
 
 def _flicker(results: Any, name: str) -> str:
-    return f"{_tables.average('flicker', results.figures[name, 'flicker', _OVER, 'near'])[0]:.1f}"
+    return f"{_tables.average('flicker', results.figures[name, 'flicker', _OVER, 'near']):.1f}"
 
 
 def _row(results: Any, figures: Callable[[str, float], np.ndarray]) -> list[float]:
