@@ -25,6 +25,7 @@ from typing import Any
 
 from results_sets import bumps, folder_sets
 
+from mipbake.baking.bake import Recipe
 from mipbake.baking.methods import OPTIONS
 from mipbake.baking.neural import Neural
 from mipbake.comparing.candidates import bake_all, chosen
@@ -127,7 +128,7 @@ def _baked(texture_set: TextureSet, effort: FilmsEffort) -> Iterator[tuple[str, 
 @contextmanager
 def _bakes(texture_set: TextureSet, names: Sequence[str], sampler: str | None) -> Iterator[dict[str, Candidate]]:
     aimed = sampler_named(sampler) if sampler else None
-    with bake_all(texture_set, MODEL, FILTER, names, sampler=aimed) as found:
+    with bake_all(texture_set, Recipe(target=MODEL, pixel_filter=FILTER, sampler=aimed), names) as found:
         yield {each.name: each for each in found}
 
 

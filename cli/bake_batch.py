@@ -15,7 +15,7 @@ from mipbake.baking.recipe import weights_of
 from mipbake.baking.results import DEFECT, Planned, Result
 from mipbake.base import disk
 from mipbake.base.errors import MipbakeError, UsageError
-from mipbake.cli.batch_options import BatchAsked
+from mipbake.cli.batch_options import BatchFlags
 from mipbake.cli.json_log import JsonLog, json_log, lines_of
 from mipbake.cli.session import Session, console
 from mipbake.library import (
@@ -24,6 +24,7 @@ from mipbake.library import (
     BatchOptions,
     Entry,
     EntryResult,
+    Shard,
     Summary,
     bake_library,
     read_project,
@@ -51,12 +52,12 @@ def bake_batch(
     out: Path,
     options: BakeOptions,
     load: LoadOptions,
-    asked: BatchAsked,
+    flags: BatchFlags,
     memory: int | None,
 ) -> None:
     """Bakes a batch, and says what happens."""
-    how = replace(_how(session, asked, memory), recursive=asked.recursive)
-    _bake(session, asked, _Call([Path(each) for each in sources], out, options, load, how))
+    how = replace(_how(session, flags, memory), recursive=flags.recursive)
+    _bake(session, flags, _Call([Path(each) for each in sources], out, options, load, how))
 
 
 def suggest_recursive(session: Session, failures: Sequence[NotBaked], out: Path) -> None:
@@ -77,14 +78,14 @@ def bake_project(
     out: Path | None,
     options: BakeOptions,
     load: LoadOptions,
-    asked: BatchAsked,
+    flags: BatchFlags,
     memory: int | None,
 ) -> None:
     """Bakes the library of a project file, and says what happens."""
-    file = asked.config or Path(PROJECT)
+    file = flags.config or Path(PROJECT)
     project = read_project(file)
     given = settings_of(options, load, session.given, COMMAND_LINE)
-    how = replace(_how(session, asked, memory), within=tuple(map(Path, sources)))
+    how = replace(_how(session, flags, memory), within=tuple(map(Path, sources)))
     if how.cluster is None:  # what a project file says is about one machine
         how = replace(how, jobs=how.jobs or project.jobs, memory=how.memory or project.memory)
     place = out or project.out
@@ -97,18 +98,18 @@ def bake_project(
         file=file / PROJECT if file.is_dir() else file,
         idle=project.idle if whole else None,
     )
-    _bake(session, asked, call)
+    _bake(session, flags, call)
 
 
-def _how(session: Session, asked: BatchAsked, memory: int | None) -> BatchOptions:
+def _how(session: Session, flags: BatchFlags, memory: int | None) -> BatchOptions:
     return BatchOptions(
-        jobs=asked.jobs,
-        force=asked.force,
-        dry_run=asked.dry_run,
+        jobs=flags.jobs,
+        force=flags.force,
+        dry_run=flags.plans,
         memory=memory if "memory" in session.given else None,
-        touch=asked.depfile is not None,
-        cluster=asked.cluster,
-        shard=asked.shard,
+        touch=flags.depfile is not None,
+        cluster=flags.cluster,
+        shard=None if flags.shard is None else Shard.parsed(flags.shard),
     )
 
 
@@ -130,34 +131,34 @@ class _Call:
     idle: Callable[[Sequence[str]], Sequence[str]] | None = None
 
 
-def _bake(session: Session, asked: BatchAsked, call: _Call) -> None:
+def _bake(session: Session, flags: BatchFlags, call: _Call) -> None:
     """Bakes once, or again and again."""
-    if asked.watch and session.json:
+    if flags.watch and session.json:
         raise UsageError("--watch goes on without end, and --json is printed at the end: use --json-log instead")
-    with _printer(session, asked, call) as printer:
+    with _printer(session, flags, call) as printer:
         arguments = (call.sources, call.out, call.options, call.load, call.how, printer, call.choose)
-        if not asked.watch:
-            _tell(session, asked, call, bake_library(*arguments))
+        if not flags.watch:
+            _tell(session, flags, call, bake_library(*arguments))
             return
         for summary in watch_library(*arguments):
-            _tell(session, asked, call, summary)
+            _tell(session, flags, call, summary)
             session.print("watching; Ctrl-C ends it")
 
 
 @contextmanager
-def _printer(session: Session, asked: BatchAsked, call: _Call) -> Iterator[_Printer]:
-    with json_log(session, asked.json_log) as log, _bar(session) as bar:
-        yield _Printer(session, log, bar, call, asked.depfile)
+def _printer(session: Session, flags: BatchFlags, call: _Call) -> Iterator[_Printer]:
+    with json_log(session, flags.json_log) as log, _bar(session) as bar:
+        yield _Printer(session, log, bar, call, flags.depfile)
 
 
-def _tell(session: Session, asked: BatchAsked, call: _Call, summary: Summary) -> None:
+def _tell(session: Session, flags: BatchFlags, call: _Call, summary: Summary) -> None:
     """Says what a batch came to."""
-    if asked.depfile is not None and not summary.failures:
-        write_depfile(asked.depfile, summary, call.out, call.sources, asked.depfile_for, _common(call, summary))
-    if asked.check and summary.planned:
+    if flags.depfile is not None and not summary.failures:
+        write_depfile(flags.depfile, summary, call.out, call.sources, flags.depfile_for, _common(call, summary))
+    if flags.check and summary.planned:
         session.exit_code = max(session.exit_code, EXIT_CHECK)
     session.print(_summary_line(summary))
-    if not asked.recursive and asked.config is None:
+    if not flags.recursive and flags.config is None:
         suggest_recursive(session, summary.failures, call.out)
     for entry in summary.entries:
         for failure in entry.failures:

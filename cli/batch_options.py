@@ -6,154 +6,108 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Optional
-
-import typer
 
 from mipbake.base.errors import UsageError
-from mipbake.cli.options import OptionalPath
+from mipbake.base.options import option
 from mipbake.source.layout import PROJECT
 
-if TYPE_CHECKING:
-    from mipbake.library import Shard
+_BATCH = "Batches"
+CONFIG_OTHERWISE = f"{PROJECT} here, without SOURCE"
 
 
 @dataclass(frozen=True)
-class BatchAsked:
-    """What the command line says of batches. Each option that is given makes the bake a batch."""
+class BatchFlags:
+    """What the command line says of batches. Any of these options makes the bake a batch, which leaves what has not
+    changed.
 
-    recursive: bool = False
-    jobs: int | None = None
-    force: bool = False
-    dry_run: bool = False
-    json_log: Path | None = None
-    config: Path | None = None
-    watch: bool = False
-    check: bool = False
-    depfile: Path | None = None
-    depfile_for: str | None = None
-    cluster: str | None = None
-    shard: Shard | None = None
+    Raises:
+        UsageError: options that contradict each other, or files that cannot be written.
+    """
+
+    recursive: bool = option(
+        False, "Bake every set, document and archive below the sources, into a tree like theirs.", short="r"
+    )
+    jobs: int | None = option(
+        None,
+        "Bake so many sources at once, in processes that share threads and --memory.",
+        short="j",
+        metavar="N",
+        otherwise="1",
+    )
+    force: bool = option(False, "Bake in a batch what has not changed as well.", group=_BATCH)
+    dry_run: bool = option(False, "Say what a batch would bake and why; write nothing.", group=_BATCH)
+    check: bool = option(False, "As --dry-run, and end with exit code 5 where something would be baked.", group=_BATCH)
+    watch: bool = option(
+        False, "Bake a batch again whenever files below its sources change, until Ctrl-C.", group=_BATCH
+    )
+    depfile: Path | None = option(
+        None,
+        "Write what results were made from, as a rule of Make, which Ninja takes as well. A file that is no such rule "
+        "is not replaced.",
+        group=_BATCH,
+        metavar="FILE",
+    )
+    depfile_for: str | None = option(
+        None,
+        "What the rule of --depfile is about.",
+        group=_BATCH,
+        metavar="NAME",
+        otherwise="each stack.json, and GLB files",
+    )
+    json_log: Path | None = option(
+        None,
+        "Write a line of JSON for each set of a batch, when it is done. A file that does not begin with such a line is "
+        "not replaced.",
+        group=_BATCH,
+        metavar="FILE",
+    )
+    cluster: str | None = option(
+        None,
+        "Bake a batch on a Ray cluster: HOST:PORT of its head, or `auto` on one of its machines. --jobs and --memory "
+        "are then for the whole cluster, and for each process.",
+        group=_BATCH,
+        metavar="ADDRESS",
+    )
+    shard: str | None = option(
+        None, "Bake part I of N of a batch, for machines that share the work.", group=_BATCH, metavar="I/N"
+    )
+    config: Path | None = option(
+        None,
+        "Bake the library of a project file, as `mipbake init` writes it, or the SOURCEs in it alone. Options that are "
+        "given count more than the file.",
+        group=_BATCH,
+        metavar="FILE",
+        otherwise=CONFIG_OTHERWISE,
+    )
+
+    def __post_init__(self) -> None:
+        """Checks what does not go together."""
+        if self.depfile_for is not None and self.depfile is None:
+            raise UsageError("--depfile-for is the name in a --depfile, which is missing: give both, or none")
+        if self.plans and self.depfile is not None:
+            raise UsageError("a dry run bakes nothing that --depfile could tell of: expected one of the two")
+        if self.watch and self.depfile is not None:
+            raise UsageError(
+                "--watch goes on without end, and --depfile is written at the end: expected one of the two"
+            )
+        _check_files(self.depfile, self.json_log)
 
     @property
     def any(self) -> bool:
         """Whether the bake is a batch."""
-        return self != BatchAsked()
+        return self != BatchFlags()
 
-
-def project_file(meaning: str) -> Any:
-    """The option --config.
-
-    Args:
-        meaning: what it is for, as a sentence.
-    """
-    return typer.Option("--config", metavar="FILE", help=meaning, show_default=f"{PROJECT} here, without SOURCE")
-
-
-def batching(
-    recursive: Annotated[
-        bool,
-        typer.Option(
-            "--recursive",
-            "-r",
-            help="Bake every set, document and archive below the sources, into a tree like theirs.",
-        ),
-    ] = False,
-    jobs: Annotated[
-        Optional[int],  # noqa: UP045
-        typer.Option(
-            "--jobs",
-            "-j",
-            min=1,
-            metavar="N",
-            help="Bake so many sources at once, in processes that share threads and --memory.",
-            show_default="1",
-        ),
-    ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Bake in a batch what has not changed as well.")] = False,
-    dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Say what a batch would bake and why; write nothing.")
-    ] = False,
-    check: Annotated[
-        bool, typer.Option("--check", help="A --dry-run that ends with exit code 5 where something would be baked.")
-    ] = False,
-    watch: Annotated[
-        bool, typer.Option("--watch", help="Go on, and bake what somebody saves below the sources, until Ctrl-C.")
-    ] = False,
-    depfile: Annotated[
-        OptionalPath,
-        typer.Option(
-            "--depfile",
-            metavar="FILE",
-            help="Write what results were made from, as a rule of Make, which Ninja takes as well. A file that is no "
-            "such rule is not replaced.",
-            show_default=False,
-        ),
-    ] = None,
-    depfile_for: Annotated[
-        Optional[str],  # noqa: UP045
-        typer.Option(
-            metavar="NAME",
-            help="What the rule of --depfile is about.",
-            show_default="each stack.json, and GLB files",
-        ),
-    ] = None,
-    json_log: Annotated[
-        OptionalPath,
-        typer.Option(
-            "--json-log",
-            metavar="FILE",
-            help="Write a line of JSON for each set of a batch, when it is done. A file that does not begin with such "
-            "a line is not replaced.",
-            show_default=False,
-        ),
-    ] = None,
-    cluster: Annotated[
-        Optional[str],  # noqa: UP045
-        typer.Option(
-            metavar="ADDRESS",
-            help="Bake a batch on a Ray cluster: HOST:PORT of its head, or `auto` on one of its machines. --jobs and "
-            "--memory are then for the whole cluster, and for each process.",
-            show_default=False,
-        ),
-    ] = None,
-    shard: Annotated[
-        Optional[str],  # noqa: UP045
-        typer.Option(
-            metavar="I/N",
-            help="Bake part I of N of a batch, for machines that share the work.",
-            show_default=False,
-        ),
-    ] = None,
-    config: Annotated[
-        OptionalPath,
-        project_file(
-            "Bake the library of a project file, as `mipbake init` writes it, or the SOURCEs in it alone. Options that "
-            "are given count more than the file."
-        ),
-    ] = None,
-) -> BatchAsked:
-    """What was said of batches. Any of these options makes the bake a batch, which leaves what has not changed."""
-    if depfile_for is not None and depfile is None:
-        raise UsageError("--depfile-for is the name in a --depfile, which is missing: give both, or none")
-    if (dry_run or check) and depfile is not None:
-        raise UsageError("a dry run bakes nothing that --depfile could tell of: expected one of the two")
-    if watch and depfile is not None:
-        raise UsageError("--watch goes on without end, and --depfile is written at the end: expected one of the two")
-    _check_files(depfile, json_log)
-    if shard is not None:
-        from mipbake.library import Shard
-
-        part = Shard.parsed(shard)
-    logs = (json_log, config, watch, check, depfile, depfile_for)
-    return BatchAsked(recursive, jobs, force, dry_run or check, *logs, cluster, part if shard is not None else None)
+    @property
+    def plans(self) -> bool:
+        """Whether nothing is written."""
+        return self.dry_run or self.check
 
 
 def _check_files(depfile: Path | None, json_log: Path | None) -> None:
     """Errors for files that cannot be written, or that mipbake did not write, such as sources."""
-    for option, file in (("--depfile", depfile), ("--json-log", json_log)):
+    for flag, file in (("--depfile", depfile), ("--json-log", json_log)):
         if file is not None and (not file.name or file.is_dir()):
-            raise UsageError(f"{option} {file} is a folder: expected a file to write")
+            raise UsageError(f"{flag} {file} is a folder: expected a file to write")
     if depfile is not None:
         from mipbake.library.depfile import check_depfile
 
@@ -166,6 +120,6 @@ def _check_files(depfile: Path | None, json_log: Path | None) -> None:
             raise UsageError(f"--depfile and --json-log are both {depfile}: expected two files")
 
 
-def with_project(asked: BatchAsked, sources: Sequence[str] | None) -> BatchAsked:
+def with_project(flags: BatchFlags, sources: Sequence[str] | None) -> BatchFlags:
     """The same, with the project file of the working directory where neither it nor a source was named."""
-    return asked if sources or asked.config or not Path(PROJECT).is_file() else replace(asked, config=Path(PROJECT))
+    return flags if sources or flags.config or not Path(PROJECT).is_file() else replace(flags, config=Path(PROJECT))

@@ -64,6 +64,9 @@ def _init() -> Callable[..., None]:
     return init
 
 
+SHOWS_ALL = "help-all"
+"""Key of what a context knows where help shows all options."""
+
 LOADERS: Mapping[str, Callable[[], Callable[..., None]]] = {
     "bake": _bake,
     "compare": _compare,
@@ -91,6 +94,23 @@ SUMMARIES: Mapping[str, str] = {
 """The first sentence of each command's docstring, which can be shown without loading the command."""
 
 
+class Command(typer.core.TyperCommand):
+    """A command whose help shows the options that most people need, and all of them in groups by --help-all."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Writes the options into the help text."""
+        groups: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
+        for each in self.get_params(ctx):
+            record = each.get_help_record(ctx)
+            group = "Arguments" if each.param_type_name == "argument" else getattr(each, "rich_help_panel", None)
+            if record is not None and (group in (None, "Arguments") or SHOWS_ALL in ctx.meta):
+                groups.setdefault(group or "Options", []).append(record)
+        for group, records in groups.items():
+            if records:
+                with formatter.section(group):
+                    formatter.write_dl(records)
+
+
 class Commands(typer.core.TyperGroup):
     """The group of all commands."""
 
@@ -103,7 +123,7 @@ class Commands(typer.core.TyperGroup):
         if cmd_name not in LOADERS:
             return None
         alone = typer.Typer(add_completion=False, rich_markup_mode=None)
-        alone.command(cmd_name, epilog=self.epilog)(LOADERS[cmd_name]())
+        alone.command(cmd_name, cls=Command, epilog=self.epilog)(LOADERS[cmd_name]())
         return typer.main.get_command(alone)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002

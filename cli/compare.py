@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Optional
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 import mipbake
-from mipbake.baking.bake import AUTO_TARGET, DEFAULT_FILTER, TARGETS
+from mipbake.baking.bake import AUTO_TARGET, Recipe, some_of
 from mipbake.baking.methods import METHODS
+from mipbake.base.options import one_of, option, same
 from mipbake.base.publish import temporary_folder
 from mipbake.base.timings import Timings
 from mipbake.cli import options
 from mipbake.cli.folders import stack_of
-from mipbake.cli.methods import some_of
-from mipbake.cli.options import OptionalPath, one_of
 from mipbake.cli.session import Session, plain, timings
 from mipbake.cli.sources import Sources, over_sets
 from mipbake.cli.tables import table
@@ -35,7 +34,6 @@ from mipbake.comparing.pictures import MAX_PASSES
 from mipbake.comparing.result import Comparison
 from mipbake.comparing.scenes import SPHERE_RESOLUTION
 from mipbake.comparing.viewer import Source
-from mipbake.material.aim import DEFAULT_AIM
 from mipbake.quality.environment import ENVIRONMENTS, lighting_named
 from mipbake.quality.figures import SCALES
 from mipbake.quality.metrics import MEASURES, PAIR_SETS
@@ -45,19 +43,119 @@ from mipbake.source.found import set_report
 from mipbake.source.jobs import Job
 from mipbake.source.options import LoadOptions
 from mipbake.source.texture_set import TextureSet
+from mipbake.stack.stack import MipStack
 
 if TYPE_CHECKING:
     from rich.table import Table
 
 EXIT_CONDITION = 5
 
-_LIST = "one or more, separated by commas"
+_EFFORT = "Effort"
+
+
+@dataclass(frozen=True)
+class CompareFlags:
+    """What the command line says of a comparison."""
+
+    baked: Path | None = option(
+        None,
+        "A stack that was baked from the set, OUT/<set>. Its name in the report is `baked`, and the verdict is about "
+        "it. With several sets, give OUT, the folder that they were baked into.",
+        metavar="STACK",
+    )
+    methods: str | None = option(
+        None,
+        f"What is baked: one or more, separated by commas, of {', '.join(METHODS)}, or a closed form with its kernel, "
+        "such as 'lean (box)'.",
+        metavar="NAMES",
+        otherwise="auto (not with --baked), neural and all closed forms",
+    )
+    target: str | None = same(
+        Recipe,
+        "target",
+        help="Material model of the stacks; with --baked, the model of that stack.",
+        otherwise=AUTO_TARGET,
+    )
+    pixel_filter: str = same(
+        Recipe, "pixel_filter", help="Pixel filter of the reference; with --baked, the filter of that stack.", group=""
+    )
+    aim: float | None = same(Recipe, "aim")
+    device: str | None = same(Recipe, "device")
+    fail_if: list[str] | None = option(
+        None,
+        f"End with exit code {EXIT_CONDITION} when the condition holds; repeat for more conditions. {GRAMMAR}",
+        metavar="CONDITION",
+    )
+    light: str = option(
+        next(iter(ENVIRONMENTS)),
+        "Light of renders and films: generated, or a latitude-longitude HDR image.",
+        metavar=f"{one_of(ENVIRONMENTS)}|FILE",
+    )
+    mesh: Path | None = option(None, "Render and film this mesh (.obj, .gltf, .glb) and nothing else.", metavar="FILE")
+    sampler: str = option(
+        RENDER_SAMPLERS[0],
+        "How stacks are looked up: between texels and levels; with 16x anisotropic filtering ('anisotropic 4x' for "
+        "4x); once in each of the frames that an engine accumulates; or a texel drawn at random, as renderers do that "
+        f"filter what is shaded. Stacks of {some_of('sampler')} are made for it, or for trilinear where it is "
+        "stochastic.",
+        metavar=one_of(RENDER_SAMPLERS),
+    )
+    lod_bias: float | None = same(Recipe, "lod_bias", otherwise="0")
+    films: bool = option(True, "Film floors, a wall and a sphere, or the mesh, and judge the films.", negative=True)
+    motion: str = option(MOTIONS[0], "What moves in films.", metavar=one_of(MOTIONS), group=_EFFORT)
+    keep_renders: bool = option(
+        False, "Keep every render as a multi-part EXR: candidate, reference, error, lod, uv.", group=_EFFORT
+    )
+    size: int = option(
+        SPHERE_RESOLUTION[0],
+        f"Height of the renders in pixels, and of films up to {RESOLUTION[0]}; 16 or more.",
+        group=_EFFORT,
+    )
+    passes: int = option(
+        MAX_PASSES,
+        f"Most samples per pixel in the reference of a render, and of a film up to {MOST_PASSES}; an even number, 32 "
+        "or more.",
+        group=_EFFORT,
+    )
+    points: int = option(DEFAULT_POINTS, "Pixels per level of detail in texture space; 1 or more.", group=_EFFORT)
+    samples: int = option(
+        DEFAULT_SAMPLES,
+        "Samples per pixel in each of the two estimates of the reference in texture space; 1 or more.",
+        group=_EFFORT,
+    )
+    seed: int = option(DEFAULT_SEED, "Seed of everything that is drawn at random; 0 or more.", group=_EFFORT)
+    cache: bool = option(
+        True, "Keep references of renders and films for the next comparison.", negative=True, group=_EFFORT
+    )
+
+    def settings(self) -> Settings:
+        """How thoroughly is measured, and what is rendered."""
+        return Settings(
+            lighting=lighting_named(self.light),
+            mesh=read_mesh(self.mesh) if self.mesh else None,
+            sampler=render_sampler(self.sampler, self.lod_bias),
+            side=self.size,
+            max_passes=self.passes,
+            films=self.films,
+            motion=motion_named(self.motion),
+            points=self.points,
+            samples=self.samples,
+            seed=self.seed,
+            cache=default_folder() if self.cache else None,
+        )
+
+    def subjects(self, stack: MipStack | None, path: Path | None) -> Subjects:
+        """What is compared; `stack`, `path`: what was baked, and where it lies."""
+        recipe = Recipe(target=self.target, pixel_filter=self.pixel_filter, aim=self.aim, device=self.device)
+        names = None if self.methods is None else tuple(name.strip() for name in self.methods.split(","))
+        return Subjects(stack, path, names, recipe)
 
 
 @options.reads_sets
 def compare(
     session: Session,
     load: LoadOptions,
+    flags: CompareFlags,
     sources: Sources,
     out: Annotated[
         Path,
@@ -70,112 +168,6 @@ def compare(
             show_default=False,
         ),
     ],
-    baked: Annotated[
-        OptionalPath,
-        typer.Option(
-            metavar="STACK",
-            help="A stack that was baked from the set, OUT/<set>. Its name in the report is `baked`, and the verdict "
-            "is about it. With several sets, give OUT, the folder that they were baked into.",
-        ),
-    ] = None,
-    methods: Annotated[
-        Optional[str],  # noqa: UP045
-        typer.Option(
-            metavar="NAMES",
-            help=f"What is baked: {_LIST}, of {', '.join(METHODS)}, or a closed form with its kernel, such as 'lean "
-            "(box)'.",
-            show_default="auto (not with --baked), neural and all closed forms",
-        ),
-    ] = None,
-    target: Annotated[
-        str,
-        typer.Option(
-            metavar=one_of(TARGETS), help="Material model of the stacks; with --baked, the model of that stack."
-        ),
-    ] = AUTO_TARGET,
-    pixel_filter: Annotated[
-        str,
-        options.pixel_filter("Pixel filter of the reference; with --baked, the filter of that stack."),
-    ] = DEFAULT_FILTER,
-    aim: Annotated[
-        Optional[float],  # noqa: UP045
-        typer.Option(
-            metavar="0..1",
-            help=f"What {some_of('aim')} aim at when they are baked, as in `mipbake bake --aim`.",
-            show_default=f"{DEFAULT_AIM:g}",
-        ),
-    ] = None,
-    device: Annotated[
-        Optional[str],  # noqa: UP045
-        options.device(some_of("device")),
-    ] = None,
-    fail_if: Annotated[
-        Optional[list[str]],  # noqa: UP045
-        typer.Option(
-            metavar="CONDITION",
-            help=f"End with exit code {EXIT_CONDITION} when the condition holds; repeat for more conditions. {GRAMMAR}",
-        ),
-    ] = None,
-    light: Annotated[
-        str,
-        typer.Option(
-            metavar=f"{one_of(ENVIRONMENTS)}|FILE",
-            help="Light of renders and films: generated, or a latitude-longitude HDR image.",
-        ),
-    ] = next(iter(ENVIRONMENTS)),
-    mesh: Annotated[
-        OptionalPath,
-        typer.Option(metavar="FILE", help="Render and film this mesh (.obj, .gltf, .glb) and nothing else."),
-    ] = None,
-    sampler: Annotated[
-        str,
-        typer.Option(
-            metavar=one_of(RENDER_SAMPLERS),
-            help="How stacks are looked up: between texels and levels; with 16x anisotropic filtering ('anisotropic "
-            "4x' for 4x); once in each of the frames that an engine accumulates; or a texel drawn at random, as "
-            f"renderers do that filter what is shaded. Stacks of {some_of('sampler')} are made for it, or for "
-            "trilinear where it is stochastic.",
-        ),
-    ] = RENDER_SAMPLERS[0],
-    lod_bias: Annotated[
-        Optional[float],  # noqa: UP045
-        options.lod_bias("0"),
-    ] = None,
-    films: Annotated[
-        bool,
-        typer.Option("--films/--no-films", help="Film floors, a wall and a sphere, or the mesh, and judge the films."),
-    ] = True,
-    motion: Annotated[str, typer.Option(metavar=one_of(MOTIONS), help="What moves in films.")] = MOTIONS[0],
-    keep_renders: Annotated[
-        bool,
-        typer.Option(
-            "--keep-renders", help="Keep every render as a multi-part EXR: candidate, reference, error, lod, uv."
-        ),
-    ] = False,
-    size: Annotated[
-        int,
-        typer.Option(help=f"Height of the renders in pixels, and of films up to {RESOLUTION[0]}; 16 or more."),
-    ] = SPHERE_RESOLUTION[0],
-    passes: Annotated[
-        int,
-        typer.Option(
-            help="Most samples per pixel in the reference of a render, and of a film up to "
-            f"{MOST_PASSES}; an even number, 32 or more."
-        ),
-    ] = MAX_PASSES,
-    points: Annotated[
-        int, typer.Option(help="Pixels per level of detail in texture space; 1 or more.")
-    ] = DEFAULT_POINTS,
-    samples: Annotated[
-        int,
-        typer.Option(
-            help="Samples per pixel in each of the two estimates of the reference in texture space; 1 or more."
-        ),
-    ] = DEFAULT_SAMPLES,
-    seed: Annotated[int, typer.Option(help="Seed of everything that is drawn at random; 0 or more.")] = DEFAULT_SEED,
-    cache: Annotated[
-        bool, typer.Option("--cache/--no-cache", help="Keep references of renders and films for the next comparison.")
-    ] = True,
 ) -> None:
     """Compare methods on texture sets, and write a report for the browser.
 
@@ -183,31 +175,17 @@ def compare(
     sets are compared all the same.
     """
     session.in_files = True
-    conditions = [parse(text) for text in fail_if or []]
-    settings = Settings(
-        lighting=lighting_named(light),
-        mesh=read_mesh(mesh) if mesh else None,
-        sampler=render_sampler(sampler, lod_bias),
-        side=size,
-        max_passes=passes,
-        films=films,
-        motion=motion_named(motion),
-        points=points,
-        samples=samples,
-        seed=seed,
-        cache=default_folder() if cache else None,
-    )
-    names = None if methods is None else tuple(name.strip() for name in methods.split(","))
+    conditions = [parse(text) for text in flags.fail_if or []]
+    settings = flags.settings()
 
     def compare_one(job: Job, texture_set: TextureSet, alone: bool) -> dict[str, Any]:
         place = out if alone else out / job.place / texture_set.name
         check_report(place)
-        known = stack_of(baked, job, texture_set, alone) if baked else None
+        known = stack_of(flags.baked, job, texture_set, alone) if flags.baked else None
         stack = mipbake.open_stack(known) if known else None
         with timings(session, texture_set.name) as progress, temporary_folder() as kept:
-            renders = kept if keep_renders else None
-            compared = Subjects(stack, known, names, target, pixel_filter, aim, device)
-            found = compare_methods(texture_set, compared, settings, conditions, renders, progress)
+            renders = kept if flags.keep_renders else None
+            found = compare_methods(texture_set, flags.subjects(stack, known), settings, conditions, renders, progress)
             comparison = replace(found.comparison, source=plain(set_report(texture_set, job)))
             source = Source(texture_set.material(texture_set.source_model), texture_set.source_model, texture_set.wrap)
             files = write_report(comparison, found.stacks, source, place, progress, renders)

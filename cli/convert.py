@@ -5,14 +5,16 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Optional, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import typer
 
 import mipbake
 from mipbake import MipbakeError, UsageError
+from mipbake.baking.bake import Recipe
 from mipbake.baking.convert import (
     LEARNED,
     TARGETS,
@@ -24,11 +26,11 @@ from mipbake.baking.convert import (
     open_material,
 )
 from mipbake.baking.methods import method_named
+from mipbake.base.options import one_of, option, same
 from mipbake.base.publish import temporary_folder
 from mipbake.base.timings import Timings
 from mipbake.cli import options
 from mipbake.cli.folders import check_names
-from mipbake.cli.options import one_of
 from mipbake.cli.session import Session, timings
 from mipbake.cli.sources import Sources
 from mipbake.cli.tables import description, remarks_of
@@ -44,6 +46,26 @@ from mipbake.stack.containers import DEFAULT_FORMAT, IMAGE_FORMATS
 _Write: TypeAlias = "Callable[[TextureSet | Material, Path, Timings], dict[str, Any]]"
 
 
+@dataclass(frozen=True)
+class ConvertFlags:
+    """What the command line says of a conversion, besides the model."""
+
+    format: str = option(
+        DEFAULT_FORMAT,
+        "exr: half floats and linear colours; png: 8 bits and sRGB-encoded colours, for gltf and gltf-anisotropic.",
+        metavar=one_of(IMAGE_FORMATS),
+    )
+    weights: str | None = option(
+        None,
+        "Trained weights that fit how the surface reflects under the pixel filter, such as paper-cross.",
+        metavar="NAME",
+        otherwise="none: a formula converts each texel, and nothing is filtered",
+    )
+    device: str | None = same(
+        Recipe, "device", help="Where the network of --weights runs, as in `mipbake bake --device`.", group=""
+    )
+
+
 @options.reads_sets
 def convert(
     session: Session,
@@ -56,26 +78,7 @@ def convert(
             "--out", "-o", metavar="OUT", help="Folder for the materials, each in OUT/<set>/.", show_default=False
         ),
     ],
-    format: Annotated[
-        str,
-        typer.Option(
-            metavar=one_of(IMAGE_FORMATS),
-            help="exr: half floats and linear colours; png: 8 bits and sRGB-encoded colours, for gltf and "
-            "gltf-anisotropic.",
-        ),
-    ] = DEFAULT_FORMAT,
-    weights: Annotated[
-        Optional[str],  # noqa: UP045
-        typer.Option(
-            metavar="NAME",
-            help="Trained weights that fit how the surface reflects under the pixel filter, such as paper-cross.",
-            show_default="none: a formula converts each texel, and nothing is filtered",
-        ),
-    ] = None,
-    device: Annotated[
-        Optional[str],  # noqa: UP045
-        options.device("conversions with --weights"),
-    ] = None,
+    flags: ConvertFlags,
 ) -> None:
     """Convert texture sets, or materials that were converted before, to another material model.
 
@@ -84,10 +87,10 @@ def convert(
     """
     session.in_files = True
     # Everything that is wrong for every set is said before the first is read.
-    image_container(model_named(to).name, format)
-    check_device(weights, device)
-    if weights is not None:
-        method_named(LEARNED, weights, device=device)
+    image_container(model_named(to).name, flags.format)
+    check_device(flags.weights, flags.device)
+    if flags.weights is not None:
+        method_named(LEARNED, flags.weights, device=flags.device)
     results: list[dict[str, Any]] = []
 
     def attempt(source: Path, convert_one: Callable[[], dict[str, Any]]) -> None:
@@ -97,7 +100,7 @@ def convert(
             results.append(session.failed(source, error))
 
     def write(given: TextureSet | Material, place: Path, reading: Timings) -> dict[str, Any]:
-        return _write(session, given, place, to, format, weights, device, reading)
+        return _write(session, given, place, to, flags, reading)
 
     every = expand(sources)
     materials = [path for path in every if is_material_folder(path)]
@@ -173,16 +176,14 @@ def _write(
     given: TextureSet | Material,
     place: Path,
     to: str,
-    format: str,
-    weights: str | None,
-    device: str | None,
+    flags: ConvertFlags,
     reading: Timings,
 ) -> dict[str, Any]:
     with timings(session, place.name) as converting:
         converting.seconds.update(reading.seconds)
-        made = mipbake.convert(given, to, weights, device)
+        made = mipbake.convert(given, to, flags.weights, flags.device)
         converting("convert", 1.0)
-        files = made.save(place, format, lambda share: converting("write", share))
+        files = made.save(place, flags.format, lambda share: converting("write", share))
     size = sum(file.stat().st_size for file in files)
     session.print(
         f"converted from {made.provenance.source_model} to {made.model}, level 0 alone, {_rule(made)}",
@@ -193,7 +194,7 @@ def _write(
         "out": place,
         "files": [{"path": file, "bytes": file.stat().st_size} for file in files],
         "bytes": size,
-        "format": format,
+        "format": flags.format,
         "material": {"model": made.model, "provenance": made.provenance},
         "seconds": converting.seconds,
     }

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Optional
-
-import typer
+from typing import Annotated, Any
 
 import mipbake
-from mipbake.baking.bake import DEFAULT_FILTER, DEFAULT_METHOD
+from mipbake.baking import BakeOptions
+from mipbake.baking.bake import DEFAULT_METHOD, Recipe
 from mipbake.baking.methods import METHODS
 from mipbake.baking.search.time_budget import BEST, seconds_of
 from mipbake.base.errors import UsageError
+from mipbake.base.options import one_of, option, same
 from mipbake.cli import options
-from mipbake.cli.options import OptionalPath, one_of
 from mipbake.cli.session import Session, timings
-from mipbake.cli.sources import Sources, over_sets
+from mipbake.cli.sources import Sources, over_sets, stacks_folder
 from mipbake.cli.tables import description
 from mipbake.fitting import Progress
 from mipbake.fitting import fit as fit_stack
@@ -47,138 +47,127 @@ _WITHOUT_END = 2**31 - 1
 """Steps that no fit makes: it ends where no level gains any more."""
 
 
+_STEPS, _RENDERER = "Steps", "Renderer"
+
+
+@dataclass(frozen=True)
+class FitFlags:
+    """What the command line says of a fit."""
+
+    renderer: str | None = option(
+        None,
+        "What renders: OpenGL with a fragment shader, three.js in Chromium, mipbake's own kernels, or what a function "
+        "of a Python module makes.",
+        metavar=f"{one_of(RENDERERS)}|MODULE:FACTORY",
+    )
+    shader: str | None = option(
+        None,
+        "For gl: gltf, clearcoat, ramp, or a file with a GLSL function shade. For three: physical, cloth or standard.",
+        metavar="NAME|FILE",
+        otherwise="the first of them",
+    )
+    renderer_command: str | None = option(
+        None,
+        "A program of your own that renders; docs/fit-protocol.md says what it reads and writes.",
+        metavar="COMMAND",
+    )
+    exchange: str | None = option(
+        None,
+        "How a program gets maps and gives frames back.",
+        metavar=one_of(EXCHANGES),
+        otherwise="memory",
+        group=_RENDERER,
+    )
+    renderer_timeout: float | None = option(
+        None,
+        "How long a program or a browser may take for a render.",
+        metavar="SECONDS",
+        otherwise="60",
+        group=_RENDERER,
+    )
+    renderer_start_timeout: float | None = option(
+        None, "How long a program may take to start.", metavar="SECONDS", otherwise="120", group=_RENDERER
+    )
+    three: Path | None = option(
+        None,
+        "The folder of three.js that holds three.module.js.",
+        metavar="FOLDER",
+        otherwise="node_modules/three/build",
+        group=_RENDERER,
+    )
+    start: list[str] | None = option(
+        None,
+        "Where the fit starts: a method to bake with, or the folder of a stack that was baked. Repeat for more: each "
+        "level then starts from the one that the renderer shows best.",
+        metavar=f"{one_of(METHODS)}|STACK",
+        otherwise=" and ".join(DEFAULT_STARTS),
+    )
+    pixel_filter: str = same(
+        Recipe, "pixel_filter", help="Pixel filter of the references; with a stack, the stack's.", group=""
+    )
+    views: int = option(
+        DEFAULT_VIEWS,
+        f"Views of a plane at each level of detail, in steps of one half; 1 to {MOST}.",
+        metavar="NUMBER",
+        group=_STEPS,
+    )
+    views_file: Path | None = option(
+        None, "A JSON list of views for a program or a module, in place of these.", metavar="FILE", group=_STEPS
+    )
+    budget: str = option(
+        DEFAULT_BUDGET,
+        f"Time for the steps and rounds of each set; {BEST} goes on until no level gains any more.",
+        metavar=f"30s|2m|{BEST}",
+    )
+    steps: int | None = option(
+        None,
+        "Steps at most; 0 leaves the choice of starts and the rounds.",
+        metavar="NUMBER",
+        otherwise="as many as the budget allows",
+        group=_STEPS,
+    )
+    rounds: int = option(
+        1,
+        "Rounds of least squares after the steps, which move all texels of a level together; 0 for none.",
+        metavar="NUMBER",
+        group=_STEPS,
+    )
+    texels: str = option(
+        TEXELS[0],
+        "Which texels of its lookup a pixel's error is credited to.",
+        metavar=one_of(TEXELS),
+        group=_STEPS,
+    )
+    error: str = option(
+        ERRORS[0],
+        "What is compared: radiance as a display shows it, linear radiance too, or numbers as they are.",
+        metavar=one_of(ERRORS),
+        group=_STEPS,
+    )
+    seed: int = option(0, "Seed of everything that is drawn at random; 0 or more.", group=_STEPS)
+    format: str | None = same(
+        BakeOptions, "format", help="Files that are written, as in `mipbake bake --format`.", otherwise="exr"
+    )
+    preset: str | None = same(Recipe, "preset", help="Engine that loads the stack, as in `mipbake bake --preset`.")
+
+    @property
+    def choice(self) -> RendererChoice:
+        """What renders."""
+        return RendererChoice(
+            self.renderer,
+            self.shader,
+            self.renderer_command,
+            self.exchange,
+            self.renderer_timeout,
+            self.renderer_start_timeout,
+            self.three,
+            self.views_file,
+        )
+
+
 @options.reads_sets
 def fit(
-    session: Session,
-    load: LoadOptions,
-    sources: Sources,
-    out: Annotated[Path, options.stacks_folder()],
-    renderer: Annotated[
-        Optional[str],  # noqa: UP045
-        typer.Option(
-            metavar=f"{one_of(RENDERERS)}|MODULE:FACTORY",
-            help="What renders: OpenGL with a fragment shader, three.js in Chromium, mipbake's own kernels, or what a "
-            "function of a Python module makes.",
-            show_default=False,
-        ),
-    ] = None,
-    shader: Annotated[
-        Optional[str],  # noqa: UP045
-        typer.Option(
-            metavar="NAME|FILE",
-            help="For gl: gltf, clearcoat, ramp, or a file with a GLSL function shade. For three: physical, cloth or "
-            "standard.",
-            show_default="the first of them",
-        ),
-    ] = None,
-    renderer_command: Annotated[
-        Optional[str],  # noqa: UP045
-        typer.Option(
-            metavar="COMMAND",
-            help="A program of your own that renders; docs/fit-protocol.md says what it reads and writes.",
-            show_default=False,
-        ),
-    ] = None,
-    exchange: Annotated[
-        Optional[str],  # noqa: UP045
-        typer.Option(
-            metavar=one_of(EXCHANGES), help="How a program gets maps and gives frames back.", show_default="memory"
-        ),
-    ] = None,
-    renderer_timeout: Annotated[
-        Optional[float],  # noqa: UP045
-        typer.Option(
-            metavar="SECONDS", help="How long a program or a browser may take for a render.", show_default="60"
-        ),
-    ] = None,
-    renderer_start_timeout: Annotated[
-        Optional[float],  # noqa: UP045
-        typer.Option(metavar="SECONDS", help="How long a program may take to start.", show_default="120"),
-    ] = None,
-    three: Annotated[
-        OptionalPath,
-        typer.Option(
-            metavar="FOLDER",
-            help="The folder of three.js that holds three.module.js.",
-            show_default="node_modules/three/build",
-        ),
-    ] = None,
-    start: Annotated[
-        Optional[list[str]],  # noqa: UP045
-        typer.Option(
-            metavar=f"{one_of(METHODS)}|STACK",
-            help="Where the fit starts: a method to bake with, or the folder of a stack that was baked. Repeat for "
-            "more: each level then starts from the one that the renderer shows best.",
-            show_default=" and ".join(DEFAULT_STARTS),
-        ),
-    ] = None,
-    pixel_filter: Annotated[
-        str,
-        options.pixel_filter("Pixel filter of the references; with a stack, the stack's."),
-    ] = DEFAULT_FILTER,
-    views: Annotated[
-        int,
-        typer.Option(
-            metavar="NUMBER", help=f"Views of a plane at each level of detail, in steps of one half; 1 to {MOST}."
-        ),
-    ] = DEFAULT_VIEWS,
-    views_file: Annotated[
-        OptionalPath,
-        typer.Option(
-            metavar="FILE",
-            help="A JSON list of views for a program or a module, in place of these.",
-            show_default=False,
-        ),
-    ] = None,
-    budget: Annotated[
-        str,
-        typer.Option(
-            metavar=f"30s|2m|{BEST}",
-            help=f"Time for the steps and rounds of each set; {BEST} goes on until no level gains any more.",
-        ),
-    ] = DEFAULT_BUDGET,
-    steps: Annotated[
-        Optional[int],  # noqa: UP045
-        typer.Option(
-            metavar="NUMBER",
-            help="Steps at most; 0 leaves the choice of starts and the rounds.",
-            show_default="as many as the budget allows",
-        ),
-    ] = None,
-    renders: Annotated[
-        int,
-        typer.Option(
-            metavar="NUMBER", help=f"How often a step is rendered, each time with new signs; 1 to {MOST} times."
-        ),
-    ] = 1,
-    rounds: Annotated[
-        int,
-        typer.Option(
-            metavar="NUMBER",
-            help="Rounds of least squares after the steps, which move all texels of a level together; 0 for none.",
-        ),
-    ] = 1,
-    texels: Annotated[
-        str, typer.Option(metavar=one_of(TEXELS), help="Which texels of its lookup a pixel's error is credited to.")
-    ] = TEXELS[0],
-    error: Annotated[
-        str,
-        typer.Option(
-            metavar=one_of(ERRORS),
-            help="What is compared: radiance as a display shows it, linear radiance too, or numbers as they are.",
-        ),
-    ] = ERRORS[0],
-    seed: Annotated[int, typer.Option(help="Seed of everything that is drawn at random; 0 or more.")] = 0,
-    format: Annotated[
-        Optional[str],  # noqa: UP045
-        options.formats("Files that are written, as in `mipbake bake --format`.", "exr"),
-    ] = None,
-    preset: Annotated[
-        Optional[str],  # noqa: UP045
-        typer.Option(
-            metavar="NAME", help="Engine that loads the stack, as in `mipbake bake --preset`.", show_default=False
-        ),
-    ] = None,
+    session: Session, load: LoadOptions, flags: FitFlags, sources: Sources, out: Annotated[Path, stacks_folder]
 ) -> None:
     """Fit stacks in a renderer of your own, which need not be differentiable.
 
@@ -186,13 +175,10 @@ def fit(
     was stopped, or where the renderer failed.
     """
     session.in_files = True
-    choice = RendererChoice(
-        renderer, shader, renderer_command, exchange, renderer_timeout, renderer_start_timeout, three, views_file
-    )
-    seconds = seconds_of(budget)
-    check_count("views", views)
-    check_count("renders", renders)
-    most = _WITHOUT_END if steps is None and seconds is None else steps
+    choice = flags.choice
+    seconds = seconds_of(flags.budget)
+    check_count("views", flags.views)
+    most = _WITHOUT_END if flags.steps is None and seconds is None else flags.steps
     made = choice.made()
 
     def act(job: Job, texture_set: TextureSet, alone: bool) -> dict[str, Any]:
@@ -203,19 +189,19 @@ def fit(
         with timings(session, texture_set.name) as phases:
             session.print(*description(job, texture_set))
             stack, *others = (
-                _start(each, texture_set, pixel_filter, alone, phases) for each in start or DEFAULT_STARTS
+                _start(each, texture_set, flags.pixel_filter, alone, phases) for each in flags.start or DEFAULT_STARTS
             )
-            learned, checked = choice.views_of(stack.size, stack.wrap, views, seed)
+            learned, checked = choice.views_of(stack.size, stack.wrap, flags.views, flags.seed)
             session.kept = kept
             with warnings.catch_warnings(record=True) as found:
                 warnings.simplefilter("always", UserWarning)
                 fitted = fit_stack(
                     stack, made, learned, others=others, held_out=checked, source=texture_set, steps=most,
-                    budget=seconds, renders=renders, rounds=rounds, texels=texels, seed=seed, error=error,
+                    budget=seconds, rounds=flags.rounds, texels=flags.texels, seed=flags.seed, error=flags.error,
                     checkpoint=kept, progress=_shown(phases), preparing=partial(phases, "views"),
                 )  # fmt: skip
                 phases("fit", 1.0)
-                files = fitted.save(place, format, partial(phases, "write"), preset=preset)
+                files = fitted.save(place, flags.format, partial(phases, "write"), preset=flags.preset)
             kept.unlink(missing_ok=True)
             warned = [str(each.message) for each in found if issubclass(each.category, UserWarning)]
         told = fitted.provenance.adjustments[-1]

@@ -6,13 +6,14 @@ import json
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Optional
+
+import typer
 
 import mipbake
 from mipbake.base.errors import UsageError
 from mipbake.cli import options
-from mipbake.cli.batch_options import BatchAsked, project_file, with_project
-from mipbake.cli.options import OptionalPath
+from mipbake.cli.batch_options import CONFIG_OTHERWISE, BatchFlags, with_project
 from mipbake.cli.session import Session
 from mipbake.cli.sources import SourcesOrProject, over_sets
 from mipbake.cli.tables import description, remarks_of, table
@@ -23,12 +24,16 @@ from mipbake.source.options import LoadOptions
 from mipbake.source.texture_set import TextureSet
 
 
-@partial(options.reads_sets, without=("normal_length", "wrap_u", "wrap_v"))
+@partial(options.reads_sets, without=("alpha_cutoff", "normal_length", "wrap_u", "wrap_v"))
 def inspect(
     sources: SourcesOrProject = None,
     config: Annotated[
-        OptionalPath,
-        project_file("Show what a project file says of the sets in its library, or of the SOURCEs alone, and where."),
+        Optional[Path],  # noqa: UP045
+        typer.Option(
+            metavar="FILE",
+            help="Show what a project file says of the sets in its library, or of the SOURCEs alone, and where.",
+            show_default=CONFIG_OTHERWISE,
+        ),
     ] = None,
     *,
     session: Session,
@@ -39,7 +44,7 @@ def inspect(
     Every map is decoded, so that damaged files are found. With a project file, options are shown in place of maps.
     Nothing is written.
     """
-    config = with_project(BatchAsked(config=config), sources).config
+    config = with_project(BatchFlags(config=config), sources).config
     if config is not None:
         _show_project(session, config, sources or [])
         return

@@ -1,26 +1,25 @@
-"""Options that several commands share. Defaults, choices and ranges are the library's own."""
+"""How commands get their options: of the fields of dataclasses, and what all commands share."""
 
 from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable, Container, Iterable, Mapping
-from pathlib import Path
-from types import MappingProxyType
-from typing import Annotated, Any, Optional, TypeAlias, get_type_hints
+from collections.abc import Callable, Container, Iterable
+from dataclasses import is_dataclass
+from typing import Annotated, Any, Optional, get_type_hints
 
 import typer
 
 from mipbake.base.allocator import keep_freed_memory
-from mipbake.base.device import PROCESSOR
 from mipbake.base.errors import UsageError
 from mipbake.base.memory import default, limited, parsed, told
+from mipbake.base.options import one_of, options_of
+from mipbake.cli.commands import SHOWS_ALL
 from mipbake.cli.session import Session
-from mipbake.material.aim import MOST_BIAS
-from mipbake.material.pixel_filter import FILTERS
-from mipbake.source.options import ALPHAS, NORMAL_CONVENTIONS, NORMAL_LENGTHS, ROLES, WRAP_MODES, LoadOptions
+from mipbake.source.options import READING, ROLES, WRAP_MODES, LoadOptions
 
-DEFAULTS = LoadOptions()
+COMMAND = "Command"
+"""Group of the options that say how a command works, whatever it does."""
 
 _LEAST_ADDRESS_SPACE = 1 << 30
 """Bytes of address space that a command needs which reads sets. Measured on x86-64 Linux with two threads: a search on
@@ -31,27 +30,34 @@ _MOST = 10**18
 """Whole numbers beyond fit nowhere, and mean nothing to any option."""
 
 
-def one_of(names: Iterable[str]) -> str:
-    """Names as a placeholder for help texts: a|b|c. The library checks what is passed and lists them again."""
-    return "|".join(names)
+_Parameters = dict[str, inspect.Parameter]
 
 
-def lod_bias(show_default: str) -> Any:
-    """The option for the MIP bias of a sampler."""
-    return typer.Option(
-        metavar=f"-{MOST_BIAS:g}..{MOST_BIAS:g}",
-        help="MIP bias of the sampler, added to the level of detail: engines that accumulate frames or upscale have a "
-        "negative one.",
-        show_default=show_default,
-    )
+def parameters_of(cls: type, without: Container[str] = ()) -> _Parameters:
+    """The options of a dataclass as parameters of a command, by field."""
+    made = {}
+    for name, each in options_of(cls).items():
+        if name in without:
+            continue
+        flag = f"--{each.name}/--no-{each.name}" if each.negative else f"--{each.name}"
+        about = typer.Option(
+            *(flag, *([f"-{each.short}"] if each.short else [])),
+            metavar=each.metavar or None,
+            help=each.help,
+            show_default=each.otherwise or True,
+            rich_help_panel=each.group or None,
+        )
+        # typer evaluates annotations when a command is called, and needs Optional to do so on Python 3.10.
+        kind = Optional[each.kind] if each.default is None else each.kind  # noqa: UP045
+        made[name] = _parameter(name, Annotated[kind, about], each.default)
+    return made
 
 
-# typer evaluates annotations when a command is called, and needs Optional to do so on Python 3.10.
-OptionalPath: TypeAlias = Optional[Path]  # noqa: UP045
-"""The type of options for a path that may be left out."""
+def _parameter(name: str, annotation: Any, default: Any) -> inspect.Parameter:
+    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
 
 
-def _reading(
+def _loading(
     maps: Annotated[
         Optional[list[str]],  # noqa: UP045
         typer.Option(
@@ -63,62 +69,37 @@ def _reading(
             show_default="by file name",
         ),
     ] = None,
-    colour_space: Annotated[
-        Optional[str],  # noqa: UP045
-        typer.Option(
-            metavar="NAME",
-            help="Colour space of base colour and emissive: a name of colour-science, with 'linear ' before it for its "
-            "linear values.",
-            show_default="by file name, else sRGB for files of 8 or 16 bits and linear Rec.709 for float files",
-        ),
-    ] = DEFAULTS.colour_space,
-    normal_convention: Annotated[
-        Optional[str],  # noqa: UP045
-        typer.Option(
-            metavar=one_of(NORMAL_CONVENTIONS),
-            help="Whether green points up (opengl) or down (directx).",
-            show_default="by file name, else by the curl of the normals",
-        ),
-    ] = DEFAULTS.normal_convention,
-    normal_length: Annotated[
-        str,
-        typer.Option(
-            metavar=one_of(NORMAL_LENGTHS),
-            help="What happens to normals shorter than one: they are renormalised, or also turned into roughness.",
-        ),
-    ] = DEFAULTS.normal_length,
-    gloss: Annotated[
-        Optional[bool],  # noqa: UP045
-        typer.Option("--gloss/--no-gloss", help="Whether the roughness map is inverted.", show_default="by file name"),
-    ] = DEFAULTS.roughness_is_gloss,
-    alpha: Annotated[
-        Optional[str],  # noqa: UP045
-        typer.Option(
-            metavar=one_of(ALPHAS),
-            help="Whether colours beside an alpha are stored as they are, or multiplied by it.",
-            show_default="as the file says",
-        ),
-    ] = DEFAULTS.alpha,
-    wrap_u: Annotated[str, typer.Option(metavar=one_of(WRAP_MODES), help="Addressing along u.")] = DEFAULTS.wrap[0],
-    wrap_v: Annotated[str, typer.Option(metavar=one_of(WRAP_MODES), help="Addressing along v.")] = DEFAULTS.wrap[1],
+    wrap_u: Annotated[
+        str, typer.Option(metavar=one_of(WRAP_MODES), help="Addressing along u.", rich_help_panel=READING)
+    ] = WRAP_MODES[0],
+    wrap_v: Annotated[
+        str, typer.Option(metavar=one_of(WRAP_MODES), help="Addressing along v.", rich_help_panel=READING)
+    ] = WRAP_MODES[0],
+    **others: Any,
 ) -> LoadOptions:
     """The library's options from the command line's; UsageError for what cannot be."""
-    return LoadOptions(
-        maps=dict(_role_and_source(text) for text in maps or []),
-        colour_space=colour_space,
-        normal_convention=normal_convention,
-        normal_length=normal_length,
-        roughness_is_gloss=gloss,
-        alpha=alpha,
-        wrap=(wrap_u, wrap_v),
-    )
+    return LoadOptions(maps=dict(_role_and_source(text) for text in maps or []), wrap=(wrap_u, wrap_v), **others)
+
+
+def _show_all(context: typer.Context, wanted: bool) -> None:
+    if wanted:
+        context.meta[SHOWS_ALL] = True
+        typer.echo(context.get_help())
+        raise typer.Exit
 
 
 def _talking(
     context: typer.Context,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON object, and nothing else, on stdout.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.", rich_help_panel=COMMAND)] = False,
+    json: Annotated[
+        bool,
+        typer.Option("--json", help="Print one JSON object, and nothing else, on stdout.", rich_help_panel=COMMAND),
+    ] = False,
+    help_all: Annotated[
+        bool, typer.Option("--help-all", callback=_show_all, is_eager=True, help="Show all options and exit.")
+    ] = False,
 ) -> Session:
+    del help_all
     session: Session = context.obj
     session.configure(quiet, json)
     session.given = frozenset(name for name in context.params if _is_given(context, name))
@@ -138,6 +119,7 @@ def _memory(
             help="Memory that is held to, such as 4G or 800M. What does not fit lies in temporary files, in the folder "
             "that the environment variable TMPDIR names.",
             show_default="a quarter of what the machine has",
+            rich_help_panel=COMMAND,
         ),
     ] = None,
 ) -> int | None:
@@ -163,49 +145,54 @@ def _check_address_space() -> None:
 
 
 def reads_sets(
-    command: Callable[..., None],
-    without: Container[str] = (),
-    more: Mapping[str, Callable[..., Any]] = MappingProxyType({}),
+    command: Callable[..., None], without: Container[str] = frozenset({"alpha_cutoff"})
 ) -> Callable[..., None]:
-    """Makes a command of a function whose `session` and `load` stand for the options that all commands share.
+    """Makes a command of a function whose arguments are options, or stand for several.
 
-    They come after the function's own options: first how a set is read, then the memory that the command is held to,
-    then what is printed. The options that a command is `without` change nothing that it does, and keep their defaults.
-    A function with an argument `memory` is told the bytes that it is held to.
+    An argument whose type is a dataclass stands for its options (`mipbake.base.options`); `load` for how a set is read;
+    `session` for what is printed. A function with an argument `memory` is told the bytes that it is held to.
 
     Args:
-        more: arguments that stand for options of the command's own, which come before all shared ones: argument to
-            what makes it of the options.
+        without: options for reading that change nothing that the command does. They keep their defaults.
     """
-    shared: dict[str, Callable[..., Any]] = {**more, "load": _reading, "memory": _memory, "session": _talking}
+    load = {name: p for name, p in _parameters(_loading).items() if name != "others"} | parameters_of(LoadOptions)
+    always: dict[str, tuple[_Parameters, Callable[..., Any]]] = {
+        "load": ({name: p for name, p in load.items() if name not in without}, _loading),
+        "memory": (_parameters(_memory), _memory),
+        "session": (_parameters(_talking), _talking),
+    }
     takes = _parameters(command)
-    own = [p for name, p in takes.items() if name not in shared]
-    others = {name: {key: p for key, p in _parameters(of).items() if key not in without} for name, of in shared.items()}
+    several = {
+        name: (parameters_of(p.annotation), p.annotation)
+        for name, p in takes.items()
+        if name not in always and is_dataclass(p.annotation)
+    }
+    parts = several | always
+    own = [p for name, p in takes.items() if name not in parts]
 
     @functools.wraps(command)
     def run(**given: Any) -> None:
         for name, value in given.items():
             if isinstance(value, int) and abs(value) > _MOST:
                 raise UsageError(f"--{name.replace('_', '-')} is {value}: expected a whole number of at most 18 digits")
-        parts = {name: shared[name](**{key: given.pop(key) for key in others[name]}) for name in reversed(shared)}
-        most = parts["memory"] if "memory" in takes else parts.pop("memory")
+        made = {name: make(**{key: given.pop(key) for key in of}) for name, (of, make) in reversed(parts.items())}
+        most = made["memory"] if "memory" in takes else made.pop("memory")
         _check_address_space()
         keep_freed_memory(most)
         with limited(most):
-            command(**given, **parts)
+            command(**given, **made)
 
-    parameters = [*own, *(p for part in others.values() for p in part.values())]
+    parameters = [*own, *(p for of, _ in parts.values() for p in of.values())]
     run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     run.__annotations__ = {p.name: p.annotation for p in parameters}
     return run
 
 
-def _parameters(function: Callable[..., Any]) -> dict[str, inspect.Parameter]:
+def _parameters(function: Callable[..., Any]) -> _Parameters:
     """Parameters by name, with their annotations evaluated, as typer reads them."""
     hints = get_type_hints(function, include_extras=True)
     return {
-        name: p.replace(annotation=hints[name], kind=inspect.Parameter.KEYWORD_ONLY)
-        for name, p in inspect.signature(function).parameters.items()
+        name: _parameter(name, hints[name], p.default) for name, p in inspect.signature(function).parameters.items()
     }
 
 
@@ -228,41 +215,6 @@ def stacks_folder() -> Any:
     )
 
 
-def pixel_filter(meaning: str) -> Any:
-    """The option --filter.
-
-    Args:
-        meaning: whose filter it is, as a sentence.
-    """
-    return typer.Option("--filter", metavar=one_of(FILTERS), help=meaning)
-
-
-def formats(meaning: str, otherwise: str) -> Any:
-    """The option --format of commands that write stacks.
-
-    Args:
-        meaning: which formats there are, as a sentence.
-        otherwise: what is written where it is left out.
-    """
-    return typer.Option("--format", metavar="FORMAT[:TEXELS],...", help=meaning, show_default=otherwise)
-
-
-def device(users: str) -> Any:
-    """The option --device of commands that bake with networks.
-
-    Args:
-        users: what it is for, as in a sentence.
-    """
-    return typer.Option(
-        "--device",
-        metavar="cpu|cuda|cuda:N",
-        help=f"Where networks run, for {users}: on the processor, or on a graphics card that torch reaches with CUDA, "
-        "which needs the extra `train`. What searches does so on the processor. Levels differ by rounding. mipbake's "
-        "tests have never run this on a graphics card.",
-        show_default=PROCESSOR,
-    )
-
-
 def parse_lods(text: str) -> tuple[float, ...]:
     """Numbers separated by commas; UsageError for anything else."""
     try:
@@ -271,6 +223,6 @@ def parse_lods(text: str) -> tuple[float, ...]:
         raise UsageError(f"--lods is {text!r}: expected numbers separated by commas, for example 0,1,3") from None
 
 
-def spoken_lods(lods: Iterable[float]) -> str:
+def lods_text(lods: Iterable[float]) -> str:
     """Inverse of parse_lods."""
     return ",".join(f"{lod:g}" for lod in lods)

@@ -26,6 +26,11 @@ Sources = Annotated[list[str], _SOURCES]
 SourcesOrProject = Annotated[Optional[list[str]], _SOURCES]  # noqa: UP045
 """Sources that may be left out where a project file names a library."""
 
+stacks_folder = typer.Option(
+    "--out", "-o", metavar="OUT", help="Folder for the stacks, each in OUT/<set>/.", show_default=False
+)
+"""The option --out of commands that write stacks."""
+
 
 def over_sets(
     session: Session,

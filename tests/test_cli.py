@@ -16,7 +16,9 @@ import pytest
 import mipbake
 from mipbake.baking.methods import METHODS
 from mipbake.base import errors
+from mipbake.base.options import options_of
 from mipbake.cli.bake_output import promise_lines
+from mipbake.cli.batch_options import BatchFlags
 from mipbake.cli.main import main
 from mipbake.material.pixel_filter import FILTERS
 from mipbake.source.options import LoadOptions
@@ -160,7 +162,7 @@ def test_validate(folder, tmp_path, capsys):
 
 def test_help_lists_what_the_library_has(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "110")
-    assert main(["bake", "--help"]) == 0
+    assert main(["bake", "--help-all"]) == 0
     text = " ".join(capsys.readouterr().out.split())
     for names in (METHODS, FILTERS, PRESETS, PACKINGS):
         assert "|".join(names) in text
@@ -174,7 +176,7 @@ def test_help_lists_what_the_library_has(capsys, monkeypatch):
     for kind in (k for k in kinds if isinstance(k, type) and issubclass(k, errors.MipbakeError)):
         assert f" {kind.exit_code} " in f" {codes}"
     for command in ("validate", "inspect"):
-        assert main([command, "--help"]) == 0
+        assert main([command, "--help-all"]) == 0
         text = capsys.readouterr().out
         assert all(option in text for option in ("--map", "--normal-convention", "--gloss", "--colour-space", "--json"))
         for option in ("--wrap-u", "--wrap-v", "--normal-length"):  # they change nothing that inspect tells
@@ -183,12 +185,24 @@ def test_help_lists_what_the_library_has(capsys, monkeypatch):
     assert "Exit codes" in capsys.readouterr().out
 
 
+def test_help_shows_ten_options_and_all_of_them_when_wanted(capsys):
+    shown = []
+    for flag in ("--help", "--help-all"):
+        assert main(["bake", flag]) == 0
+        text = capsys.readouterr().out.partition("Options:")[2].partition("Exit codes")[0]
+        shown.append(re.findall(r"^  (?:-\w, )?--([\w-]+)", text, re.MULTILINE))
+    few, every = shown
+    assert few == every[: len(few)] and few[10:] == ["help-all", "help"]
+    named = {each.name for of in (mipbake.BakeOptions, LoadOptions, BatchFlags) for each in options_of(of).values()}
+    assert set(every) == named | {"map", "wrap-u", "wrap-v", "memory", "quiet", "json", "out", "help", "help-all"}
+
+
 @pytest.mark.parametrize("command", ["inspect", "convert", "validate", "compare"])
 def test_only_bake_asks_what_opacity_is_tested_against(capsys, command):
     """The others have nothing that it would change."""
-    assert main(["bake", "--help"]) == 0
+    assert main(["bake", "--help-all"]) == 0
     assert "--alpha-cutoff" in capsys.readouterr().out
-    assert main([command, "--help"]) == 0
+    assert main([command, "--help-all"]) == 0
     assert "--alpha-cutoff" not in capsys.readouterr().out
 
 

@@ -30,7 +30,7 @@ def run(folder, out, *arguments):
 
 def test_a_report_with_its_renders(folder, tmp_path, capsys):
     out = tmp_path / "report"
-    assert run(folder, out, *FEW, "--keep-renders", "--fail-if", "near_mirror@0 < -90") == 0
+    assert run(folder, out, *FEW, "--keep-renders", "--fail-if", "snr near-mirror lod=0 < -90") == 0
     printed = capsys.readouterr().out
     assert "near-mirror, SNR in dB" in printed and "does not hold" in printed and str(out / "index.html") in printed
     results = json.loads((out / "results.json").read_text())
@@ -52,7 +52,7 @@ def test_films_are_made_unless_they_are_not_asked_for(folder, tmp_path, capsys):
     out = tmp_path / "report"
     given = ["compare", str(folder), "-o", str(out), *FILMS, *FEW, "--motion", "light"]
     given += ["--sampler", "accumulated, anisotropic 4x", "--lod-bias", "-1"]
-    assert main([*given, "--fail-if", "film_wall.flip > 1", "--fail-if", "film_floor.sparkle - best > 1"]) == 0
+    assert main([*given, "--fail-if", "flip film-wall > 1", "--fail-if", "sparkle film-floor over best > 1"]) == 0
     printed = capsys.readouterr().out
     assert printed.startswith("In films, as ") and "floor" in printed and "sphere" in printed and "films, " in printed
     results = json.loads((out / "results.json").read_text())
@@ -82,8 +82,8 @@ def test_a_condition_on_a_film_needs_its_judge(folder, tmp_path, capsys, monkeyp
 
     monkeypatch.setattr("mipbake.comparing.comparison.check_color_video_vdp", missing)
     given = ["compare", folder, "-o", tmp_path / "r", *FILMS, *FEW]
-    assert "type 'pip'" in fails(capsys, 2, *given, "--fail-if", "film_floor.jod_37 < 9")
-    for condition in ("film_floor.jod_37 < 9", "film_floor.flip < 9"):
+    assert "type 'pip'" in fails(capsys, 2, *given, "--fail-if", "jod-37 film-floor < 9")
+    for condition in ("jod-37 film-floor < 9", "flip film-floor < 9"):
         assert "has no films: leave it out" in fails(capsys, 2, *given, "--no-films", "--fail-if", condition)
     assert not (tmp_path / "r").exists()
 
@@ -92,7 +92,17 @@ def test_a_condition_on_a_film_needs_its_judge(folder, tmp_path, capsys, monkeyp
 def test_a_stack_that_was_baked_is_what_the_verdict_is_about(folder, tmp_path, capsys):
     assert main(["bake", str(folder), "-o", str(tmp_path / "out"), "--method", "lean", "--filter", "box", "-q"]) == 0
     baked = ["--baked", str(tmp_path / "out" / "metal"), "--methods", "linear"]
-    assert run(folder, tmp_path / "report", *baked, "--json", "--fail-if", "linear (box):near_mirror@0 > -90") == 5
+    assert (
+        run(
+            folder,
+            tmp_path / "report",
+            *baked,
+            "--json",
+            "--fail-if",
+            "snr near-mirror lod=0 method='linear (box)' > -90",
+        )
+        == 5
+    )
     out, err = capsys.readouterr()
     report = json.loads(out)
     (found,) = report["results"]
@@ -147,14 +157,14 @@ def test_a_mesh_and_a_light_of_the_users(folder, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "code", "part"),
     [
-        (["--fail-if", "near_mirror@0 <"], 2, "near_mirror@0 <"),
-        (["--fail-if", "shininess@0 < 1"], 2, "shininess"),
-        (["--fail-if", "near_mirror@0.3 < 1"], 2, "0.25"),
-        (["--fail-if", "optimum:near_mirror@0 < 1"], 2, "optimum"),
-        (["--fail-if", "plane.flip@near < 1"], 2, "leave the place out"),
-        (["--fail-if", "sphere.flicker@middle > 1"], 2, "at near, 1:1"),
-        (["--fail-if", "mesh.flip@near > 1"], 2, "sphere, plane"),
-        (["--fail-if", "near_mirror@0 - best < 0", "--methods", "linear (box)"], 2, "no closed form"),
+        (["--fail-if", "snr near-mirror lod=0 <"], 2, "is not a number"),
+        (["--fail-if", "shininess lod=0 < 1"], 2, "shininess"),
+        (["--fail-if", "snr near-mirror lod=0.3 < 1"], 2, "0.25"),
+        (["--fail-if", "snr near-mirror near optimum < 1"], 2, "optimum"),
+        (["--fail-if", "flip plane near < 1"], 2, "flip plane was not measured for scale 'near'"),
+        (["--fail-if", "flicker sphere middle > 1"], 2, "but for near, 1:1"),
+        (["--fail-if", "flip mesh near > 1"], 2, "sphere, plane"),
+        (["--fail-if", "snr near-mirror lod=0 over best < 0", "--methods", "linear (box)"], 2, "no closed form"),
         (["--methods", "best"], 2, "'best'"),
         (["--light", "moon"], 2, "'moon'"),
         (["--size", "8"], 2, "size (side) of the comparison is 8: expected 16"),
@@ -166,7 +176,7 @@ def test_a_mesh_and_a_light_of_the_users(folder, tmp_path):
         (["--motion", "light"], 2, "has no films, and motion is for films"),
         (["--sampler", "stochastic", "--lod-bias", "-1"], 2, "takes no MIP bias"),
         (["--lod-bias", "5"], 2, "expected a number from -4 to 4"),
-        (["--films", "--fail-if", "film_mesh.flip > 1"], 2, "film-floor, film-low-floor, film-wall"),
+        (["--films", "--fail-if", "flip film-mesh > 1"], 2, "film-floor, film-low-floor, film-wall"),
         (["--baked", "none"], 3, "none"),
     ],
 )
@@ -181,8 +191,8 @@ def test_what_cannot_be_compared_is_said_before_any_work(folder, tmp_path, capsy
 def test_conditions_follow_what_is_rendered(folder, tmp_path, capsys):
     mesh = write_mesh(tmp_path / "triangle.obj")
     given = ["compare", folder, "-o", tmp_path / "r", *QUICK, *FEW, "--mesh", mesh]
-    assert "but for mesh" in fails(capsys, 2, *given, "--fail-if", "sphere.flip@near > 1")
-    assert "at near, middle, far" in fails(capsys, 2, *given, "--fail-if", "mesh.flip@1:1 > 1")
+    assert "mesh" in fails(capsys, 2, *given, "--fail-if", "flip sphere near > 1")
+    assert "but for near, middle, far" in fails(capsys, 2, *given, "--fail-if", "flip mesh 1:1 > 1")
     assert not (tmp_path / "r").exists()
 
 

@@ -9,8 +9,17 @@ import pytest
 
 import mipbake
 from mipbake import OutputError, TextureSet, UsageError
+from mipbake.baking.bake import Recipe
 from mipbake.baking.methods import METHODS
-from mipbake.comparing.candidates import bake_all, check_asked, chosen, closed_forms, default_names, label, mismatch
+from mipbake.comparing.candidates import (
+    bake_all,
+    check_options,
+    chosen,
+    closed_forms,
+    default_names,
+    label,
+    mismatch,
+)
 from mipbake.comparing.cautions import limits, made_for_others
 from mipbake.material.aim import ANISOTROPIC, Sampler
 from mipbake.quality.figures import Method
@@ -73,7 +82,7 @@ def test_levels_in_files_measure_like_levels_in_memory(tmp_path: Path) -> None:
     figures = []
     for limit in (1 << 30, 0):
         with bake_all(
-            texture_set, "gltf", "gaussian", names, lambda _, share: reported.append(share), limit, tmp_path
+            texture_set, Recipe(target="gltf"), names, lambda _, share: reported.append(share), limit, tmp_path
         ) as candidates:
             assert [each.name for each in candidates] == ["linear (box)", "linear (gaussian)", "lean (box)"]
             assert isinstance(candidates[0].levels[0], np.memmap) == (limit == 0)
@@ -94,29 +103,29 @@ def test_levels_in_files_measure_like_levels_in_memory(tmp_path: Path) -> None:
 
 def test_stacks_are_made_for_a_sampler_by_methods_that_take_one() -> None:
     names = ["neural", "linear (box)"]
-    with bake_all(noisy(), "gltf", "gaussian", names, sampler=ANISOTROPIC) as candidates:
+    with bake_all(noisy(), Recipe(target="gltf", sampler=ANISOTROPIC), names) as candidates:
         assert [each.method.sampler for each in candidates] == [ANISOTROPIC, None]
 
 
 def test_an_aim_and_a_device_that_nothing_takes_are_refused() -> None:
-    check_asked(["linear", "auto"], 1.0, "cpu")
-    check_asked(["linear"], None, None)
+    check_options(["linear", "auto"], Recipe(aim=1.0, device="cpu"))
+    check_options(["linear"], Recipe())
     with pytest.raises(UsageError, match=r"no method that is baked takes an aim: .* one of auto, refine"):
-        check_asked(["linear", "neural"], 1.0, None)
+        check_options(["linear", "neural"], Recipe(aim=1.0))
     with pytest.raises(UsageError, match=r"no method that is baked takes a device: .* one of auto, neural, refine"):
-        check_asked(["linear", "optimum"], None, "cpu")
+        check_options(["linear", "optimum"], Recipe(device="cpu"))
     with pytest.raises(UsageError, match="expected a number from 0"):
-        check_asked(["auto"], -1.0, None)
+        check_options(["auto"], Recipe(aim=-1.0))
     with pytest.raises(UsageError, match="unknown device 'gpu'"):
-        check_asked(["auto"], None, "gpu")
+        check_options(["auto"], Recipe(device="gpu"))
 
 
 def test_a_device_is_told_to_methods_that_take_one() -> None:
-    with bake_all(noisy(), "gltf", "gaussian", ["neural", "linear (box)"], device="cpu") as candidates:
+    with bake_all(noisy(), Recipe(target="gltf", device="cpu"), ["neural", "linear (box)"]) as candidates:
         assert len(candidates) == 2
     with (
         pytest.raises(UsageError, match="unknown device 'gpu'"),
-        bake_all(noisy(), "gltf", "gaussian", ["neural"], device="gpu"),
+        bake_all(noisy(), Recipe(target="gltf", device="gpu"), ["neural"]),
     ):
         pass
 
@@ -139,7 +148,7 @@ def test_stacks_for_another_sampler_are_named() -> None:
 def test_temporary_files_are_removed_when_a_comparison_fails(tmp_path: Path) -> None:
     with (
         pytest.raises(RuntimeError, match="elsewhere"),
-        bake_all(noisy(512, 256), "gltf", "gaussian", ["linear"], memory_limit=0, folder=tmp_path),
+        bake_all(noisy(512, 256), Recipe(), ["linear"], memory_limit=0, folder=tmp_path),
     ):
         assert any(tmp_path.iterdir())
         raise RuntimeError("elsewhere")
@@ -149,7 +158,7 @@ def test_temporary_files_are_removed_when_a_comparison_fails(tmp_path: Path) -> 
 def test_a_folder_for_temporary_files_that_is_not_there_is_said(tmp_path: Path) -> None:
     with (
         pytest.raises(OutputError, match=r"cannot write temporary files in .*none: No such file"),
-        bake_all(noisy(), "gltf", "gaussian", ["linear"], memory_limit=0, folder=tmp_path / "none"),
+        bake_all(noisy(), Recipe(), ["linear"], memory_limit=0, folder=tmp_path / "none"),
     ):
         pass
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from mipbake import TextureSet, UsageError, shading
+from mipbake.baking.bake import Recipe
 from mipbake.comparing.candidates import bake_all
 from mipbake.quality.figures import Candidate, Figure, Method
 from mipbake.quality.metrics import MEASURES, PAIR_SETS, snr_from_sums, snr_interval, snr_sums, tonemapped_error
@@ -39,7 +40,7 @@ def bumpy(size: int = 64, slope: float = 0.25) -> TextureSet:
 def measured(
     texture_set: TextureSet, names: list[str], pixel_filter: str = "gaussian", **settings: Any
 ) -> TextureSpace:
-    with bake_all(texture_set, "gltf", pixel_filter, names) as candidates:
+    with bake_all(texture_set, Recipe(target="gltf", pixel_filter=pixel_filter), names) as candidates:
         numbers = "seed", "points", "samples", "changes"
         effort = MeasureEffort(**{name: settings.pop(name) for name in numbers if name in settings})
         return measure(texture_set.filtered(pixel_filter), candidates, effort=effort, **settings)
@@ -57,7 +58,9 @@ def test_the_snr_is_that_of_the_metrics_for_the_same_renders() -> None:
     texture_set = bumpy(32)
     source = texture_set.filtered("tent")
     sets = {name: weighted_pair_set(name, 3, source.stored, "gltf") for name in PAIR_SETS}
-    with bake_all(texture_set, "gltf", "tent", ["lean (tent)", "linear (box)"]) as candidates:
+    with bake_all(
+        texture_set, Recipe(target="gltf", pixel_filter="tent"), ["lean (tent)", "linear (box)"]
+    ) as candidates:
         found = measure(source, candidates, (1.5, 0.25), (), MeasureEffort(3, 160, 8))
         for index, lod in enumerate((1.5, 0.25)):
             lit = {}
@@ -117,7 +120,7 @@ def test_noise_of_the_reference_biases_neither_flicker_nor_its_snr(view: str) ->
 def test_a_blurred_stack_flickers_less_and_an_unfiltered_one_more() -> None:
     texture_set = bumpy()
     levels = texture_set.material("gltf")
-    with bake_all(texture_set, "gltf", "gaussian", ["linear (gaussian)"]) as candidates:
+    with bake_all(texture_set, Recipe(target="gltf"), ["linear (gaussian)"]) as candidates:
         filtered = candidates[0].levels
         blurred = [np.broadcast_to(filtered[-1], level.shape) for level in filtered]
         picked = [levels[:: 1 << step, :: 1 << step] for step in range(len(filtered))]

@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from mipbake.material.aim import Sampler
+from mipbake.baking.bake import Recipe
 
 from .test_results import bumpy
 
@@ -41,9 +41,9 @@ def test_methods_are_baked_for_the_sampler_that_looks_them_up(
     bake_all = films.bake_all
 
     @contextmanager
-    def counted(texture_set: Any, model: str, kernel: str, names: Any, sampler: Sampler | None) -> Iterator[Any]:
-        baked.extend((name, str(sampler)) for name in names)
-        with bake_all(texture_set, model, kernel, names, sampler=sampler) as found:
+    def counted(texture_set: Any, recipe: Recipe, names: Any) -> Iterator[Any]:
+        baked.extend((name, str(recipe.sampler)) for name in names)
+        with bake_all(texture_set, recipe, names) as found:
             yield found
 
     monkeypatch.setattr(films, "bake_all", counted)

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+import mipbake
+from mipbake.baking.bake import Recipe
 from mipbake.baking.methods import METHODS, OPTIONS, method_named
 from mipbake.baking.neural import Neural
 from mipbake.baking.search.descent_effort import DescentEffort
@@ -13,10 +18,13 @@ from mipbake.baking.search.stages import Descend
 from mipbake.baking.search.time_budget import seconds_of
 from mipbake.base.errors import UsageError
 from mipbake.material import MODELS, convert
-from mipbake.material.aim import ANISOTROPIC
+from mipbake.material.aim import ANISOTROPIC, Sampler
 from mipbake.material.pixel_filter import FILTERS
 from mipbake.models import list_weights
 from mipbake.quality.judging.probes import ProbeEffort
+from mipbake.stack.presets import PRESETS
+
+from . import packed_sets
 
 
 def test_budgets_are_seconds_minutes_hours_or_best() -> None:
@@ -56,6 +64,24 @@ def test_several_options_are_taken_at_once() -> None:
     assert isinstance(found, Auto) and (found.seconds, found.sampler, found.aim) == (2, ANISOTROPIC, 0)
     with pytest.raises(UsageError, match=r"method optimum takes no aim: leave it out, or choose one of auto, refine"):
         method_named("optimum", budget="2s", aim=0.0)
+
+
+def test_a_preset_chooses_for_a_call_as_it_does_for_a_command(tmp_path: Path) -> None:
+    chosen = Recipe(preset="unreal").resolved()
+    assert (chosen.sampler, chosen.target) == (PRESETS["unreal"].sampler, "gltf")
+    assert Recipe(preset="unreal", sampler="trilinear", lod_bias=-1).resolved().sampler == Sampler(bias=-1)
+    assert Recipe("lean", preset="unreal").resolved().sampler is None  # it takes none
+    folder = packed_sets.orm(tmp_path / "wood")
+    stack = mipbake.bake(folder, "linear", preset="unreal")
+    assert stack.provenance == mipbake.bake(mipbake.load(folder), "linear", "gltf").provenance
+    with pytest.raises(UsageError, match="unknown option 'samplers': expected one of method, target"):
+        mipbake.bake(folder, samplers="trilinear")
+
+
+def test_a_recipe_for_another_method_leaves_out_what_that_does_not_take() -> None:
+    recipe = Recipe(target="gltf", sampler="anisotropic", aim=0.0, device="cpu")
+    assert recipe.by("neural", "box") == replace(recipe, method="neural", pixel_filter="box", aim=None)
+    assert recipe.by("linear", "box") == Recipe("linear", "gltf", "box")
 
 
 def test_samplers_and_aims_that_no_stack_is_made_for_are_refused() -> None:

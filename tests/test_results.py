@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from mipbake import TextureSet, material
-from mipbake.baking.bake import DEFAULT_FILTER
+from mipbake.baking.bake import DEFAULT_FILTER, Recipe
 from mipbake.base.errors import UsageError
 from mipbake.comparing.candidates import bake_all
 from mipbake.comparing.validate import DEFAULT_LODS
@@ -81,7 +81,7 @@ def test_a_set_is_measured_as_validation_does(module: Callable[[str], ModuleType
     effort = measure.ResultsEffort(points=64, samples=4, side=24, passes=32)
     wanted = methods.specs(names, "gltf", DEFAULT_FILTER)
     found = measure.measured(measure.Plan("bumpy", lambda: texture_set, wanted, ("near",), ("near",)), effort)
-    with bake_all(texture_set, "gltf", DEFAULT_FILTER, names) as candidates:
+    with bake_all(texture_set, Recipe(target="gltf"), names) as candidates:
         drawn = texture_space.MeasureEffort(points=64, samples=4)
         expected = texture_space.measure(
             texture_set.filtered(DEFAULT_FILTER), candidates, DEFAULT_LODS, ("near",), drawn

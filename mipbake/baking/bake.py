@@ -2,23 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from mipbake.baking.methods import METHODS, OPTIONS, Sitting, Stop, discard, method_named
+from mipbake.baking.methods import METHODS, OPTIONS, Prefilter, Sitting, Stop, discard, method_named
 from mipbake.baking.prefilter import say
+from mipbake.baking.search.time_budget import BEST
+from mipbake.base.device import PROCESSOR
 from mipbake.base.errors import UsageError
+from mipbake.base.options import one_of, option
 from mipbake.base.version import __version__
 from mipbake.material import GLTF_MODELS, MODELS
-from mipbake.material.aim import Sampler
-from mipbake.material.pixel_filter import filter_named, filtered_levels
+from mipbake.material.aim import DEFAULT_AIM, DEFAULT_SAMPLER, MOST_BIAS, SAMPLERS, Sampler, sampler_of
+from mipbake.material.pixel_filter import FILTERS, filter_named, filtered_levels
 from mipbake.source.layout import channels_of
+from mipbake.source.loading import PathLike, load
 from mipbake.source.opacity import covering, keeping_coverage, opacity_of, shown
-from mipbake.source.texture_set import TextureSet
+from mipbake.source.texture_set import TextureSet, with_overrides
 from mipbake.stack.packing import source_files
+from mipbake.stack.presets import PRESETS, preset_named
 from mipbake.stack.stack import MipStack, Provenance, not_finite
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 DEFAULT_METHOD = "auto"
 DEFAULT_FILTER = "gaussian"
@@ -47,48 +57,157 @@ class _Prefiltering:
         say(self._progress, text)
 
 
-def resolve_target(texture_set: TextureSet, target: str) -> str:
-    """The material model that a target means for this set; UsageError with the list of names for an unknown one."""
+def some_of(option: str) -> str:
+    """The methods that have an option, as a sentence lists them."""
+    *others, last = OPTIONS[option]
+    return f"{', '.join(others)} or {last}" if others else last
+
+
+_METHOD = "Method"
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How levels are made. `resolved` checks it, and puts in what its preset chooses.
+
+    Args:
+        sampler: a `mipbake.Sampler`, or what one is called, such as "anisotropic 4x" or "accumulated, bias -1".
+    """
+
+    method: str = option(
+        DEFAULT_METHOD,
+        "; ".join(f"{name}: {method.summary}" for name, method in METHODS.items()) + ".",
+        metavar=one_of(METHODS),
+    )
+    target: str | None = option(
+        None,
+        f"Material model of the stack; {AUTO_TARGET} means gltf-anisotropic for sets with an anisotropy map, and gltf "
+        "for others.",
+        metavar=one_of(TARGETS),
+        otherwise=f"as the preset chooses, else {AUTO_TARGET}",
+    )
+    pixel_filter: str = option(
+        DEFAULT_FILTER,
+        "Pixel filter of the renderer that shows the stack.",
+        name="filter",
+        group=_METHOD,
+        metavar=one_of(FILTERS),
+    )
+    preset: str | None = option(
+        None,
+        "Engine that loads the stack. Its preset chooses target, sampler, formats, packing, normals and names unless "
+        "you do; see `mipbake presets`.",
+        metavar=one_of(PRESETS),
+    )
+    weights: str | None = option(
+        None,
+        f"Trained weights, for {some_of('weights')}.",
+        group=_METHOD,
+        metavar="NAME",
+        otherwise="the weights for the target and the filter",
+    )
+    budget: str | None = option(
+        None,
+        f"Time that {some_of('budget')} may spend on optimising: a number of seconds, minutes or hours, or {BEST}, "
+        "which goes on until nothing improves. Ctrl-C ends it sooner, with the best so far, but not in a batch.",
+        metavar=f"30s|2m|1h|{BEST}",
+        otherwise="the default of the method",
+    )
+    sampler: Sampler | str | None = option(
+        None,
+        "How the engine looks the stack up where a pixel covers more of it in one direction than in another, for "
+        f"{some_of('sampler')}: once; with 16x anisotropic filtering ('anisotropic 4x' for 4x); or once in each of the "
+        "frames that it accumulates ('accumulated, anisotropic' for both).",
+        group=_METHOD,
+        metavar=one_of(SAMPLERS),
+        otherwise=f"as the preset chooses, else {DEFAULT_SAMPLER}",
+    )
+    lod_bias: float | None = option(
+        None,
+        "MIP bias of the sampler, added to the level of detail: engines that accumulate frames or upscale have a "
+        "negative one.",
+        group=_METHOD,
+        metavar=f"-{MOST_BIAS:g}..{MOST_BIAS:g}",
+        otherwise="as the preset chooses with the sampler, else 0",
+    )
+    aim: float | None = option(
+        None,
+        f"What {some_of('aim')} aim at: 1 is pictures as people see them, 0 is decibels under single lights, and a "
+        "number between them weighs the two.",
+        group=_METHOD,
+        metavar="0..1",
+        otherwise=f"{DEFAULT_AIM:g}",
+    )
+    device: str | None = option(
+        None,
+        f"Where networks run, for {some_of('device')}: on the processor, or on a graphics card that torch reaches with "
+        "CUDA, which needs the extra `train`. What searches does so on the processor. Levels differ by rounding. "
+        "mipbake's tests have never run this on a graphics card.",
+        group=_METHOD,
+        metavar="cpu|cuda|cuda:N",
+        otherwise=PROCESSOR,
+    )
+
+    def resolved(self) -> Self:
+        """The same with the target and the sampler that it means. UsageError for what no set can be baked with."""
+        preset = preset_named(self.preset) if self.preset else None
+        sampler = sampler_of(self.sampler)
+        # A preset gives no sampler to methods that take none, unless the user gave it a bias.
+        if sampler is None and preset and (self.method in OPTIONS["sampler"] or self.lod_bias is not None):
+            sampler = preset.sampler
+        target = self.target
+        if target is None:
+            target = preset.target if preset else AUTO_TARGET
+        made = replace(self, target=target, sampler=sampler_of(sampler, self.lod_bias), lod_bias=None)
+        made.prefilter()
+        filter_named(self.pixel_filter)
+        _check_target(target)
+        return made
+
+    def prefilter(self, sitting: Sitting | None = None) -> Prefilter:
+        """The method, with what was chosen for it. UsageError where it does not take that; see `method_named`."""
+        return method_named(self.method, self.weights, self.budget, self.sampler, self.aim, self.device, sitting)
+
+    def model(self, texture_set: TextureSet) -> str:
+        """The material model that the target means for a set."""
+        target = self.target or AUTO_TARGET
+        _check_target(target)
+        return texture_set.source_model if target == AUTO_TARGET else target
+
+    def by(self, method: str, pixel_filter: str) -> Self:
+        """The same by another method under another filter, without what that method does not take."""
+        others = {name: None for name, methods in OPTIONS.items() if method not in methods}
+        return replace(self, method=method, pixel_filter=pixel_filter, **others)
+
+
+def _check_target(target: str) -> None:
     if target not in TARGETS:
         raise UsageError(f"unknown target {target!r}: expected one of {', '.join(TARGETS)}")
-    if target == AUTO_TARGET:
-        return texture_set.source_model
-    return target
 
 
 def bake(
-    texture_set: TextureSet,
+    source: TextureSet | PathLike | Sequence[PathLike],
     method: str = DEFAULT_METHOD,
-    target: str = AUTO_TARGET,
+    target: str | None = None,
     pixel_filter: str = DEFAULT_FILTER,
     progress: PhaseProgress = lambda _phase, _share: None,
-    weights: str | None = None,
-    budget: str | None = None,
-    sampler: Sampler | str | None = None,
-    aim: float | None = None,
-    device: str | None = None,
     checkpoint: str | Path | None = None,
     stop: Stop | None = None,
+    **options: Any,
 ) -> MipStack:
     """Prefilters a texture set into a complete MIP stack of the target material model, level 0 included.
+
+        stack = mipbake.bake("materials/wood", preset="three")
 
         enough = threading.Event()  # which another thread sets
         mipbake.bake(texture_set, "refine", budget="2h", checkpoint="wood.search", stop=enough.is_set)
 
     Args:
-        texture_set: from `mipbake.load` or `TextureSet.from_arrays`.
-        method: a name in `mipbake.baking.methods.METHODS`.
-        target: a material model in `mipbake.material.MODELS`, or "auto".
-        pixel_filter: a name in `mipbake.material.pixel_filter.FILTERS`, for the filter of the engine's pixels.
+        source: from `mipbake.load` or `TextureSet.from_arrays`; or what `mipbake.load` takes, such as a folder.
+        method, target, pixel_filter, options: fields of `Recipe`, which say the same as the options of `mipbake bake`:
+            preset, weights, budget, sampler, lod_bias, aim, device.
         progress: told phase and share as the work goes on. Where it has a method `note`, methods that optimise tell it
             the SNR they have reached.
-        weights: trained weights by name, for methods that use some; None for the default ones.
-        budget: time for methods that optimise: `30s`, `2m`, `1h`, or `best`; None for the default of the method.
-        sampler: of the engine that will look the stack up: a `mipbake.Sampler`, or what one is called, such as
-            "anisotropic 4x" or "accumulated, bias -1"; None for the default one, "trilinear".
-        aim: from 0, SNR under single lights, to 1, what people see in moving pictures; None for the default one.
-        device: where a network runs: `cpu`, or `cuda` or `cuda:1` for a graphics card, which needs torch; None for
-            `cpu`. Levels of different devices differ by rounding. All but the network runs on the processor.
         checkpoint: a folder that a method with a budget keeps its search in from time to time. The same bake goes on
             from there after it was stopped or its process ended, and the time that was spent counts. The folder is
             removed when the search is done. None: nothing is kept. `auto` without a budget keeps nothing.
@@ -102,51 +221,43 @@ def bake(
         coverage on every level.
 
     Raises:
-        UsageError: an unknown method, target, filter, weights or sampler, a choice that the method does not have, a
-            budget that cannot be read, an aim that is no number from 0 to 1, or a device that cannot be used; a
-            checkpoint or a stop for a method without a budget.
+        UsageError: an unknown option, method, target, filter, preset, weights or sampler, a choice that the method does
+            not have, a budget that cannot be read, an aim that is no number from 0 to 1, or a device that cannot be
+            used; a checkpoint or a stop for a method without a budget.
+        InputError, OutputError: as `mipbake.load`, where the source is no texture set.
     """
     if (checkpoint is not None or stop is not None) and method in METHODS and method not in OPTIONS["budget"]:
         what = "stop" if checkpoint is None else "checkpoint"
         raise UsageError(
             f"method {method} takes no {what}: leave it out, or choose one of {', '.join(OPTIONS['budget'])}"
         )
+    recipe = with_overrides(Recipe(method, target, pixel_filter), options).resolved()
+    texture_set = source if isinstance(source, TextureSet) else load(source)
     kept = None if checkpoint is None else Path(checkpoint)
     sitting = Sitting(kept, lambda: nullcontext(stop or (lambda: False)), partial(say, progress))
-    options = weights, budget, sampler, aim, device
-    stack, stopped = bake_in_sitting(texture_set, method, target, pixel_filter, progress, *options, sitting)
+    stack, stopped = bake_in_sitting(texture_set, recipe, progress, sitting)
     if kept is not None and not stopped:
         discard(kept)
     return stack
 
 
 def bake_in_sitting(
-    texture_set: TextureSet,
-    method: str,
-    target: str,
-    pixel_filter: str,
-    progress: PhaseProgress,
-    weights: str | None,
-    budget: str | None,
-    sampler: Sampler | str | None,
-    aim: float | None,
-    device: str | None,
-    sitting: Sitting,
+    texture_set: TextureSet, recipe: Recipe, progress: PhaseProgress, sitting: Sitting
 ) -> tuple[MipStack, bool]:
-    """As `bake`, for a search that may be kept and stopped; a checkpoint is left to the caller.
+    """As `bake`, for a recipe that is resolved and a search that may be kept and stopped; a checkpoint is left to the
+    caller.
 
     Returns:
         The stack, and whether the search was stopped before it was done.
     """
-    prefilter = method_named(method, weights, budget, sampler, aim, device, sitting)
-    model = resolve_target(texture_set, target)
-    kernel = filter_named(pixel_filter).name
+    model = recipe.model(texture_set)
+    kernel = filter_named(recipe.pixel_filter).name
     source = texture_set.source_model
     seen = shown(texture_set)
     stored, opacity = seen.material(source), opacity_of(texture_set)
-    result = prefilter(stored, source, model, kernel, texture_set.wrap, _Prefiltering(progress))
+    result = recipe.prefilter(sitting)(stored, source, model, kernel, texture_set.wrap, _Prefiltering(progress))
     if any(not_finite(level) for level in result.levels):
-        raise AssertionError(f"{method} produced values that are not finite for {texture_set.name!r}")
+        raise AssertionError(f"{recipe.method} produced values that are not finite for {texture_set.name!r}")
     levels, promise = result.levels, result.promise
     if opacity is not None and model in GLTF_MODELS:
         # Models of glTF store base colours first, as the source does. What was promised was measured before.
@@ -166,11 +277,11 @@ def bake_in_sitting(
         extra=extra,
         wrap=texture_set.wrap,
         provenance=Provenance(
-            method=method,
+            method=recipe.method,
             pixel_filter=kernel,
             weights=result.weights,
             weights_sha256=result.weights_sha256,
-            budget=budget,
+            budget=recipe.budget,
             sampler=result.sampler,
             aim=result.aim,
             tool_version=__version__,

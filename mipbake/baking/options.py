@@ -3,78 +3,93 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from mipbake.baking.adjust import Adjustments
-from mipbake.baking.bake import AUTO_TARGET, DEFAULT_FILTER, DEFAULT_METHOD, TARGETS
-from mipbake.baking.methods import OPTIONS, method_named
+from mipbake.baking.bake import AUTO_TARGET, Recipe
 from mipbake.base.errors import UsageError
+from mipbake.base.options import one_of, option
 from mipbake.material import GLTF_MODELS
-from mipbake.material.aim import Sampler, sampler_of
-from mipbake.material.pixel_filter import filter_named
 from mipbake.source.images.uastc import check_encoder
 from mipbake.source.jobs import Failure, Job
+from mipbake.source.options import NORMAL_CONVENTIONS
 from mipbake.source.texture_set import source_model
+from mipbake.stack.containers import DEFAULT_FORMAT, FORMATS
+from mipbake.stack.costs import LIMIT
 from mipbake.stack.output import GLB, GLB_TEXELS, Output, check_outputs
-from mipbake.stack.packing import SEPARATE
+from mipbake.stack.packing import PACKINGS, SEPARATE, SOURCE
 from mipbake.stack.presets import Preset, preset_named, wanted_outputs
-from mipbake.stack.sidecars import FORMAT, check_sidecar
+from mipbake.stack.sidecars import FORMAT, SIDECARS, check_sidecar
+
+_FILES, _LOOK = "Files", "Look"
+_FORMATS = "; ".join(
+    f"{name}: {next(iter(kinds.values())).summary} (texels {', '.join(kinds)})" for name, kinds in FORMATS.items()
+)
 
 
 @dataclass(frozen=True)
-class BakeOptions:
+class BakeOptions(Recipe):
     """How sources are baked and written, the same for all, as `mipbake bake` takes it.
 
     Args:
-        method, pixel_filter, weights, budget, aim, device: as `mipbake.bake` takes them.
-        target: a material model, or "auto"; None: what the preset chooses, else "auto".
-        sampler: as `mipbake.bake` takes it; None: what the preset chooses, for methods that take one.
-        lod_bias: MIP bias of the sampler; None: what the sampler has.
-        preset: a name in `mipbake.stack.presets.PRESETS`: an engine, which chooses what is None here.
-        format: formats separated by commas, each with texels where they are not the default: "exr,ktx2:uastc,glb".
-            None: a GLB for glTF sources, "exr" for others. `ktx2` and `dds` without texels get the smallest that cost
-            little.
-        packing: a name in `mipbake.stack.packing.PACKINGS`. write_normals: "source", "opengl" or "directx".
-        max_level: the last level that is written; None for all.
-        keep_level0, strength, min_roughness: see `mipbake.baking.adjust.Adjustments`.
-        sidecar: a name in `mipbake.stack.sidecars.SIDECARS`: a list of PNG files for another program. They are written,
-            each map in a file of its own, where no others are.
+        sidecar: files in PNG are written for it, each map in a file of its own, where no others are.
     """
 
-    method: str = DEFAULT_METHOD
-    target: str | None = None
-    pixel_filter: str = DEFAULT_FILTER
-    preset: str | None = None
-    format: str | None = None
-    packing: str | None = None
-    write_normals: str | None = None
-    max_level: int | None = None
-    keep_level0: bool = False
-    strength: float = 1.0
-    min_roughness: float = 0.0
-    weights: str | None = None
-    budget: str | None = None
-    sampler: Sampler | str | None = None
-    lod_bias: float | None = None
-    aim: float | None = None
-    device: str | None = None
-    sidecar: str | None = None
+    format: str | None = option(
+        None,
+        f"{_FORMATS}; {GLB}: the glTF source with KTX 2 textures in place of its own, or a square that shows the "
+        f"material (texels {', '.join(GLB_TEXELS)}; with rgba8, textures that lose too much as blocks have 8 bits; the "
+        "glTF standard does not allow these, but three.js and Babylon.js load them). The first texels named are the "
+        f"default. Without texels, ktx2 and dds take the smallest that cost at most {LIMIT:g} dB.",
+        metavar="FORMAT[:TEXELS],...",
+        otherwise=f"{GLB} for glTF sources, {DEFAULT_FORMAT} for others",
+    )
+    packing: str | None = option(
+        None,
+        "Which channels share a file: as in the source, none, or as engines expect it.",
+        group=_FILES,
+        metavar=one_of(PACKINGS),
+        otherwise=SOURCE,
+    )
+    write_normals: str | None = option(
+        None,
+        "Whether green points up (opengl) or down (directx) in what is written.",
+        group=_FILES,
+        metavar=one_of((SOURCE, *NORMAL_CONVENTIONS)),
+        otherwise=f"{SOURCE}: as in the set",
+    )
+    max_level: int | None = option(
+        None,
+        "The last level that is written; exr files hold all levels.",
+        group=_FILES,
+        metavar="LEVEL",
+        otherwise="down to 1 x 1",
+    )
+    keep_level0: bool = option(
+        False, "Keep the level 0 of the source, which the pixel filter has not changed.", group=_LOOK
+    )
+    strength: float = option(
+        1.0,
+        "1 writes what was baked, 0 writes plain averages, and a number between them mixes both.",
+        group=_LOOK,
+        metavar="0..1",
+    )
+    min_roughness: float = option(
+        0.0, "The least perceptual roughness that a texel may have.", group=_LOOK, metavar="0..1"
+    )
+    sidecar: str | None = option(
+        None,
+        "A file beside the maps that another program takes: ntc lists PNG files of all levels for NVIDIA's neural "
+        "texture compression.",
+        group=_FILES,
+        metavar=one_of(SIDECARS),
+    )
 
     def asked(self) -> Asked:
         """What that means for every source. UsageError for what no source can be baked with."""
+        options = self.resolved()
+        target = options.target or AUTO_TARGET
         preset = preset_named(self.preset) if self.preset else None
-        sampler = sampler_of(self.sampler)
-        # Methods that take none are not asked for what nobody asked for.
-        if sampler is None and preset and (self.method in OPTIONS["sampler"] or self.lod_bias is not None):
-            sampler = preset.sampler
-        sampler = sampler_of(sampler, self.lod_bias)
-        method_named(self.method, self.weights, self.budget, sampler, self.aim, self.device)
-        filter_named(self.pixel_filter)
-        target = self.target
-        if target is None:
-            target = preset.target if preset else AUTO_TARGET
-        if target not in TARGETS:
-            raise UsageError(f"unknown target {target!r}: expected one of {', '.join(TARGETS)}")
         outputs, glb, finer = wanted_outputs(preset, self.format, self.packing, self.write_normals)
         if self.sidecar is not None:
             check_sidecar(self.sidecar)
@@ -93,16 +108,7 @@ class BakeOptions:
             raise UsageError(f"the target {target} does not go with {what}: expected {' or '.join(GLTF_MODELS)}")
         if glb or any(output.container.texels == GLB_TEXELS[0] for output in outputs):
             check_encoder()
-        return Asked(
-            replace(self, target=target, sampler=sampler, lod_bias=None),
-            target,
-            preset,
-            outputs,
-            glb,
-            documents,
-            adjustments,
-            finer,
-        )
+        return Asked(options, target, preset, outputs, glb, documents, adjustments, finer)
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ from mipbake.source.texture_set import TextureSet
 from mipbake.stack.gltf.glb import made_from
 from mipbake.stack.manifest import read_manifest
 from mipbake.stack.map_files import listed_files
-from mipbake.stack.stack import Recipe
+from mipbake.stack.stack import Fingerprint
 
 NEW = "there is no result yet"
 _CHUNK = 1 << 20  # bytes that are hashed at a time
@@ -52,7 +52,7 @@ class Ingredients:
         options = {name: _number(value) for name, value in asdict(asked.options).items()}
         return cls(_hash(options), _hash([info.sha256 for info in weights_of(asked.options)]))
 
-    def recipe(self, job: Job, found: Mapping[int, Discovery], read: Iterable[TextureSet] = ()) -> Recipe:
+    def recipe(self, job: Job, found: Mapping[int, Discovery], read: Iterable[TextureSet] = ()) -> Fingerprint:
         """The recipe of a set, or of tiles that touch.
 
         Args:
@@ -65,7 +65,7 @@ class Ingredients:
         told = job.using(lambda: [[tile, *_told(each, known)] for tile, each in found.items()])
         return {"sources": _hash([job.warnings, told]), "options": self.options, "weights": self.weights}
 
-    def document(self, jobs: Sequence[Job]) -> Recipe:
+    def document(self, jobs: Sequence[Job]) -> Fingerprint:
         """The recipe of the GLB of a document, from the jobs of all its materials.
 
         Raises:
@@ -92,12 +92,12 @@ def _image(document: Document, index: int) -> str:
         return ""
 
 
-def stopped(recipe: Recipe) -> Recipe:
+def stopped(recipe: Fingerprint) -> Fingerprint:
     """The recipe of a result whose search was stopped: whoever bakes what has changed bakes it again."""
     return {**recipe, "stopped": "yes"}
 
 
-def set_changed(folder: Path, tiles: Iterable[int], recipe: Recipe) -> str:
+def set_changed(folder: Path, tiles: Iterable[int], recipe: Fingerprint) -> str:
     """Why the stacks in a folder are not what a recipe makes, in a sentence without its end; "" where they are.
 
     Args:
@@ -122,13 +122,13 @@ def set_changed(folder: Path, tiles: Iterable[int], recipe: Recipe) -> str:
     return ""
 
 
-def document_changed(path: Path, recipe: Recipe) -> str:
+def document_changed(path: Path, recipe: Fingerprint) -> str:
     """The same of the GLB of a document."""
     told = made_from(path)
     return NEW if told is None else _difference(told.get("recipe"), told.get("version"), recipe)
 
 
-def _difference(found: object, version: object, wanted: Recipe) -> str:
+def _difference(found: object, version: object, wanted: Fingerprint) -> str:
     if not isinstance(found, dict) or not found:
         return "its result does not say what it was made from"
     if version != __version__:

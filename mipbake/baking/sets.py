@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Literal, TypeAlias
 
 from mipbake.baking.adjust import adjusted
-from mipbake.baking.bake import STOPPED, bake_in_sitting, resolve_target
+from mipbake.baking.bake import STOPPED, bake_in_sitting
 from mipbake.baking.methods import METHODS, Sitting, discard, size_of
 from mipbake.baking.options import Asked
 from mipbake.baking.recipe import Ingredients, stopped
@@ -34,7 +34,7 @@ from mipbake.stack.presets import Preset
 from mipbake.stack.ranges import chosen_ranges
 from mipbake.stack.sidecars import FORMAT, sidecar_named
 from mipbake.stack.split_tiles import stacks_of
-from mipbake.stack.stack import MipStack, Recipe
+from mipbake.stack.stack import Fingerprint, MipStack
 
 _OWN_MEMORY = 160 << 20
 """Bytes that a bake takes whatever the size of the set. Measured, and a guess for other machines."""
@@ -116,31 +116,21 @@ def bake_job(run: Run, job: Job, place: Path, out: Path) -> list[BakedSet]:
     return [baked for read in reads for baked in _bake(run, job, read, recipe, reading, place, out)]
 
 
-def _bake(run: Run, job: Job, read: Read, recipe: Recipe, reading: Timings, place: Path, out: Path) -> list[BakedSet]:
+def _bake(
+    run: Run, job: Job, read: Read, recipe: Fingerprint, reading: Timings, place: Path, out: Path
+) -> list[BakedSet]:
     """Bakes what is baked at once, and writes its stacks."""
     asked, listener = run.asked, run.listener
     whole = read.texture_set
-    model = resolve_target(whole, asked.target)
+    model = asked.options.model(whole)
     check_outputs(asked.outputs, model)
     if whole.anisotropic and not MODELS[model].anisotropic:
         listener.note(f"the target {model} has no anisotropy: the anisotropy map goes into the roughness alone")
-    options = asked.options
     with listener.timings(whole.name) as baking:
         baking.seconds.update(reading.seconds)
         checkpoint = checkpoint_of(job, read, out) if run.keeps else None
-        baked, was_stopped = bake_in_sitting(
-            whole,
-            options.method,
-            model,
-            options.pixel_filter,
-            baking,
-            options.weights,
-            options.budget,
-            options.sampler,
-            options.aim,
-            options.device,
-            Sitting(checkpoint, listener.descending, listener.note),
-        )
+        sitting = Sitting(checkpoint, listener.descending, listener.note)
+        baked, was_stopped = bake_in_sitting(whole, asked.options, baking, sitting)
         baked = adjusted(baked, whole, asked.adjustments)
         recipe = stopped(recipe) if was_stopped else recipe
         baked = replace(baked, provenance=replace(baked.provenance, recipe=recipe))

@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.baking.bake import DEFAULT_METHOD
-from mipbake.baking.methods import METHODS, OPTIONS, Prefilter, method_named
+from mipbake.baking.bake import DEFAULT_METHOD, Recipe
+from mipbake.baking.methods import METHODS, OPTIONS
 from mipbake.baking.neural import Neural
 from mipbake.base.device import checked_device
 from mipbake.base.errors import OutputError, UsageError
 from mipbake.base.publish import reason, temporary_folder
 from mipbake.material import model_named
-from mipbake.material.aim import Sampler, checked_aim
+from mipbake.material.aim import checked_aim
 from mipbake.material.pixel_filter import FILTERS, level_sizes
 from mipbake.quality.figures import Candidate, Method
 from mipbake.source.texture_set import TextureSet
@@ -99,15 +99,11 @@ def default_names(
 @contextmanager
 def bake_all(
     texture_set: TextureSet,
-    model: str,
-    pixel_filter: str,
+    recipe: Recipe,
     names: Sequence[str],
     progress: PhaseProgress = lambda _phase, _share: None,
     memory_limit: int = MEMORY_LIMIT,
     folder: Path | None = None,
-    sampler: Sampler | None = None,
-    aim: float | None = None,
-    device: str | None = None,
 ) -> Iterator[list[Candidate]]:
     """The stacks of many methods, each with how long its bake took: `with bake_all(...) as candidates`.
 
@@ -116,20 +112,18 @@ def bake_all(
 
     Args:
         texture_set: the source.
-        model: target material model.
-        pixel_filter: the filter that the stacks are for.
+        recipe: what the stacks are for. Each method takes of it what it can.
         names: labels or methods, as in `chosen`.
         progress: told "bake" and the finished share.
         memory_limit: in bytes.
         folder: where the temporary files go; None for the system's folder of such.
-        sampler, aim: what the stacks are made for, by methods that take them; None for the defaults.
-        device: where networks run, for methods that take one; None for the default.
 
     Raises:
         UsageError: an unknown name, model or pixel filter, or a method that does not have them.
         OutputError: the temporary files cannot be written.
     """
-    wanted = chosen(names, pixel_filter)
+    model = recipe.model(texture_set)
+    wanted = chosen(names, recipe.pixel_filter)
     source = texture_set.source_model
     stored = texture_set.material(source)
     texels = sum(height * width for height, width in level_sizes(*stored.shape[:2]))
@@ -143,7 +137,7 @@ def bake_all(
                     progress("bake", (done + share) / len(wanted))
 
             start = time.perf_counter()
-            prefilter = _conditioned(method, sampler, aim, device)
+            prefilter = recipe.by(method, kernel).prefilter()
             result = prefilter(stored, source, model, kernel, texture_set.wrap, tell)
             seconds = time.perf_counter() - start
             made = Method(name, method, kernel, model, seconds, sampler=result.sampler, aim=result.aim)
@@ -153,28 +147,18 @@ def bake_all(
         yield candidates
 
 
-def check_asked(methods: Iterable[str], aim: float | None, device: str | None) -> None:
-    """UsageError where an aim or a device was asked for that is none, or that none of the methods takes."""
-    if aim is not None:
-        checked_aim(aim)
-    if device is not None:
-        checked_device(device)
+def check_options(methods: Iterable[str], recipe: Recipe) -> None:
+    """UsageError where a recipe has an aim or a device that is none, or that none of the methods takes."""
+    if recipe.aim is not None:
+        checked_aim(recipe.aim)
+    if recipe.device is not None:
+        checked_device(recipe.device)
     names = set(methods)
-    for option, what, value in (("aim", "an aim", aim), ("device", "a device", device)):
+    for option, what, value in (("aim", "an aim", recipe.aim), ("device", "a device", recipe.device)):
         if value is not None and not names & set(OPTIONS[option]):
             raise UsageError(
                 f"no method that is baked takes {what}: leave it out, or name one of {', '.join(OPTIONS[option])}"
             )
-
-
-def _conditioned(method: str, sampler: Sampler | None, aim: float | None, device: str | None) -> Prefilter:
-    """The method with what it takes of a sampler, an aim and a device."""
-    return method_named(
-        method,
-        sampler=sampler if method in OPTIONS["sampler"] else None,
-        aim=aim if method in OPTIONS["aim"] else None,
-        device=device if method in OPTIONS["device"] else None,
-    )
 
 
 def _as_they_are(levels: Levels) -> Levels:

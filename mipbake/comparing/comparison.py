@@ -6,21 +6,21 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from mipbake.baking.bake import AUTO_TARGET, DEFAULT_FILTER, resolve_target
+from mipbake.baking.bake import Recipe
 from mipbake.base.errors import UsageError
 from mipbake.base.extras import check_extra
 from mipbake.base.timings import Timings
 from mipbake.comparing import plots
-from mipbake.comparing.candidates import bake_all, check_asked, chosen, default_names, mismatch
+from mipbake.comparing.candidates import bake_all, check_options, chosen, default_names, mismatch
 from mipbake.comparing.cautions import limits, made_for_others, not_converged, unjudged
-from mipbake.comparing.conditions import IN_TEXTURE_SPACE, Condition
+from mipbake.comparing.conditions import Condition
 from mipbake.comparing.film_figures import film_measures
 from mipbake.comparing.filming import FilmSettings, film, film_view, films_of
 from mipbake.comparing.films import MOTIONS, FilmScene, Motion
@@ -47,6 +47,9 @@ PhaseProgress = Callable[[str, float], None]
 
 IN_MOTION = ("flicker", "flicker-snr")
 """Measures of what changes from one picture to the next."""
+
+_IN_TEXTURE_SPACE = ("snr", "tonemapped", *IN_MOTION)
+"""Measures that have figures for pair sets."""
 
 _SPOKEN = {"side": "size (side)", "max_passes": "passes (max_passes)"}  # where the command line has another name
 
@@ -117,21 +120,26 @@ class Subjects:
     """What is compared: methods that are baked, and at most one stack that is there.
 
     Args:
-        stack: one that was baked earlier, the subject then: its model and pixel filter take the place of `target` and
-            `pixel_filter`. path: the folder it came from, for readers.
+        stack: one that was baked earlier, the subject then: its model and pixel filter take the place of the recipe's.
+            path: the folder it came from, for readers.
         methods: labels or names of methods (`mipbake.comparing.candidates.chosen`), the subject first where there is no
             stack; None for auto (where there is no stack), neural and all closed forms.
-        target, pixel_filter, aim, device: as in `mipbake.bake`. Methods that take a sampler make their stacks for the
-            sampler of `Settings`; what a stack that is there was made for stays as it is.
+        recipe: what is baked, except for its method. Methods that take a sampler make their stacks for the sampler of
+            `Settings`; what a stack that is there was made for stays as it is.
     """
 
     stack: MipStack | None = None
     path: Path | None = None
     methods: Sequence[str] | None = None
-    target: str = AUTO_TARGET
-    pixel_filter: str = DEFAULT_FILTER
-    aim: float | None = None
-    device: str | None = None
+    recipe: Recipe = field(default_factory=Recipe)
+
+
+@dataclass(frozen=True, eq=False)
+class _Shots:
+    """What is rendered and filmed."""
+
+    views: Sequence[View]
+    films: Sequence[FilmScene]
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,33 +182,33 @@ def compare(
     check_extra("compare", "a comparison")
     settings, asked = settings or Settings(), compared or Subjects()
     clock, stack, path = Timings(progress), asked.stack, asked.path
-    model = stack.model if stack else resolve_target(texture_set, asked.target)
-    kernel = stack.provenance.pixel_filter if stack else filter_named(asked.pixel_filter).name
+    model = stack.model if stack else asked.recipe.model(texture_set)
+    kernel = stack.provenance.pixel_filter if stack else filter_named(asked.recipe.pixel_filter).name
     names, notes = (
         default_names(texture_set.source_model, model, kernel, stack is not None)
         if asked.methods is None
         else (tuple(asked.methods), ())
     )
     wanted = chosen(names, kernel)
-    check_asked([method for method, _ in wanted.values()], asked.aim, asked.device)
+    check_options([method for method, _ in wanted.values()], asked.recipe)
     labels = tuple(wanted)
-    views, films = _views(texture_set, settings), _films(texture_set, settings)
+    shots = _Shots(_views(texture_set, settings), _films(texture_set, settings))
     rivals = [opened(stack, path).method] if stack else []
     rivals += [Method(label, *form, model) for label, form in wanted.items()]
     if not rivals:
         raise UsageError("no method was named: expected at least one to compare")
-    planned = _planned(texture_set, rivals, kernel, views, films)
+    planned = _planned(texture_set, rivals, kernel, shots)
     for condition in conditions:
         _decidable(condition, settings)
         condition.check(planned)
     foreign = mismatch(stack, texture_set) if stack else None
     warnings = [*texture_set.warnings, *([foreign] if foreign else [])]
-    made_for = baked_for(settings.sampler)
-    with bake_all(
-        texture_set, model, kernel, labels, clock, sampler=made_for, aim=asked.aim, device=asked.device
-    ) as baked:
+    recipe = dataclasses.replace(
+        asked.recipe, target=model, pixel_filter=kernel, sampler=baked_for(settings.sampler), lod_bias=None
+    )
+    with bake_all(texture_set, recipe, labels, clock) as baked:
         candidates = [*([opened(stack, path)] if stack else []), *baked]
-        comparison = _compared(texture_set, candidates, kernel, settings, views, films, renders, clock)
+        comparison = _compared(texture_set, candidates, kernel, settings, shots, renders, clock)
         shown = (comparison.subject, best_closed_form(comparison), "linear (box)")
         stacks = {
             each.name: _stack(texture_set, each) if each.method.path is None or stack is None else stack
@@ -227,8 +235,7 @@ def _compared(
     candidates: Sequence[Candidate],
     pixel_filter: str,
     settings: Settings,
-    views: Sequence[View],
-    films: Sequence[FilmScene],
+    shots: _Shots,
     renders: Path | None,
     clock: Timings,
 ) -> Comparison:
@@ -255,7 +262,7 @@ def _compared(
     rendered: list[Rendered] = []
     figures: list[Figure] = []
     pictures: list[Plot] = []
-    for view in views:
+    for view in shots.views:
         made = render_view(view, source, candidates, looks, clock)
         clock(view.name, 1.0)
         rendered.append(made.rendered)
@@ -269,7 +276,7 @@ def _compared(
         if made.change is not None and not pictures:  # only the nearest view, where shimmer is the worst
             pictures.append(plots.half_pixel_shift(made.change))
     filmed: list[Filmed] = []
-    for scene in films:
+    for scene in shots.films:
         told = FilmSettings(looks, settings.motion)
         shown, measured_film = film(scene, source, candidates, told, partial(clock, film_view(scene.name)))
         clock(film_view(scene.name), 1.0)
@@ -314,8 +321,8 @@ def _films(texture_set: TextureSet, settings: Settings) -> tuple[FilmScene, ...]
 
 def _decidable(condition: Condition, settings: Settings) -> None:
     """UsageError where a condition is on a film and no film is made, or where nothing is installed that judges it."""
-    judged = MEASURES[condition.measure].needs == "film"
-    if not settings.films and (judged or (condition.view or "").startswith(film_view(""))):
+    judged = any(name in MEASURES and MEASURES[name].needs == "film" for name in condition.values)
+    if not settings.films and (judged or any(name.startswith(film_view("")) for name in condition.values)):
         raise UsageError(
             f"condition {condition.text!r}: it is on a film, and the comparison has no films: leave it out, or make "
             "films"
@@ -324,25 +331,19 @@ def _decidable(condition: Condition, settings: Settings) -> None:
         check_color_video_vdp()
 
 
-def _planned(
-    texture_set: TextureSet,
-    methods: Sequence[Method],
-    pixel_filter: str,
-    views: Sequence[View],
-    films: Sequence[FilmScene],
-) -> Comparison:
+def _planned(texture_set: TextureSet, methods: Sequence[Method], pixel_filter: str, shots: _Shots) -> Comparison:
     """A comparison with everything that will be measured, all nan: what conditions can ask for."""
 
     def unknown(method: Method, measure: str, view: str, scale: str, lod: float = math.nan) -> Figure:
         return Figure(method.name, measure, view, scale, lod, math.nan, math.nan, math.nan)
 
     lods = texture_space.curve_lods((texture_set.height, texture_set.width))
-    places = [(measure, view, scale) for measure in IN_TEXTURE_SPACE for view in PAIR_SETS for scale in SCALES]
-    for view in views:
+    places = [(measure, view, scale) for measure in _IN_TEXTURE_SPACE for view in PAIR_SETS for scale in SCALES]
+    for view in shots.views:
         moves = view.scale in SHIFTED_SCALES
         pictured = [name for name, measure in MEASURES.items() if measure.needs != "film"]
         places += [(name, view.view, view.scale) for name in pictured if moves or name not in IN_MOTION]
-    places += [(name, film_view(scene.name), "") for scene in films for name in film_measures()]
+    places += [(name, film_view(scene.name), "") for scene in shots.films for name in film_measures()]
     places += [(measure, "rotation", "1:1") for measure in IN_MOTION]
     return Comparison(
         name=texture_set.name,

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from mipbake.baking.bake import Recipe
 from mipbake.comparing.candidates import bake_all, label, mismatch
 from mipbake.material.aim import DEFAULT_SAMPLER
 from mipbake.quality.texture_space import (
@@ -139,7 +140,8 @@ def validate(
     names = dict.fromkeys(label(method, averaging or kernel) for method, averaging in baselines)
     wrong = mismatch(stack, texture_set)
     made = stack.provenance
-    with bake_all(texture_set, stack.model, kernel, tuple(names), sampler=made.sampler, aim=made.aim) as baked:
+    recipe = Recipe(target=stack.model, pixel_filter=kernel, sampler=made.sampler, aim=made.aim)
+    with bake_all(texture_set, recipe, tuple(names)) as baked:
         candidates = [opened(stack), *baked]
         effort = MeasureEffort(seed, points, samples)
         measured = measure(

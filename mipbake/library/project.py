@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from functools import cached_property
 from pathlib import Path, PurePosixPath
@@ -17,6 +17,7 @@ from mipbake.baking.options import BakeOptions
 from mipbake.base import disk, memory, toml_text
 from mipbake.base.errors import UsageError
 from mipbake.base.messages import listed
+from mipbake.base.options import options_of
 from mipbake.source.layout import PROJECT
 from mipbake.source.options import LoadOptions
 
@@ -25,16 +26,7 @@ COMMAND_LINE = "command line"
 _TOPS = frozenset(map(PurePosixPath, (".", "/")))
 """Folders around everything: a pattern such as [!m]* is not about them."""
 
-_BAKE = {each.name.replace("_", "-"): each.name for each in fields(BakeOptions) if each.name != "pixel_filter"}
-_BAKE["filter"] = "pixel_filter"
-_READ = {
-    "colour-space": "colour_space",
-    "normal-convention": "normal_convention",
-    "normal-length": "normal_length",
-    "gloss": "roughness_is_gloss",
-    "alpha": "alpha",
-    "alpha-cutoff": "alpha_cutoff",
-}
+_BAKE, _READ = ({each.name: name for name, each in options_of(of).items()} for of in (BakeOptions, LoadOptions))
 _WRAP = ("wrap-u", "wrap-v")
 _MAP = "map"
 OPTIONS = (*_BAKE, *_READ, *_WRAP, _MAP)
@@ -42,10 +34,12 @@ OPTIONS = (*_BAKE, *_READ, *_WRAP, _MAP)
 
 _ABOUT = {"library": str, "out": str, "jobs": int, "memory": str}
 _TYPES: Mapping[str, tuple[type, ...]] = {
-    **{option: (str,) for option in OPTIONS},
-    **dict.fromkeys(("strength", "min-roughness", "aim", "alpha-cutoff", "lod-bias"), (int, float)),
-    **dict.fromkeys(("keep-level0", "gloss"), (bool,)),
-    "max-level": (int,),
+    **dict.fromkeys(_WRAP, (str,)),
+    **{
+        each.name: (int, float) if each.kind is float else (each.kind,)
+        for of in (BakeOptions, LoadOptions)
+        for each in options_of(of).values()
+    },
     _MAP: (dict,),
 }
 _WORDS = {str: "text in quotes", int: "a whole number", float: "a number", bool: "true or false", dict: "a table"}

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import TypeAlias
 
 from mipbake.base.errors import UsageError
+from mipbake.base.options import one_of, option
 
 MapChoice: TypeAlias = "str | os.PathLike[str] | float | None"
 
@@ -41,6 +42,9 @@ CUSTOM = "custom"
 ORIGINS = ("option", "document")
 WRAP_MODES = ("wrap", "clamp")
 
+READING = "How sets are read"
+"""Group of the options that most people need not know."""
+
 
 @dataclass(frozen=True)
 class LoadOptions:
@@ -54,35 +58,62 @@ class LoadOptions:
             `"*_FILE"`, where * stands for the name of a set in a folder of several. Roles: base_color, normal,
             roughness, metallic, anisotropy, occlusion, height, emissive, opacity; and specular, of sets in diffuse and
             specular colours.
-        colour_space: RGB colour space of base colour and emissive, by its name in colour-science ("sRGB", "ACEScg",
-            "Display P3", "ITU-R BT.2020"), with "linear " before it for its linear values ("linear Rec.709"). None:
-            sRGB in integer files, linear Rec.709 in floating-point files.
-        normal_convention: "opengl" (green points up) or "directx" (green points down). None: the file's name decides,
-            and where it is silent the integrability of its pixels.
-        normal_length: what becomes of normals shorter than one. "ignore" renormalises them; "roughness" also widens the
-            roughness by the spread that the missing length stands for.
-        roughness_is_gloss: True inverts the roughness map, False does not. None: the file's name decides.
+        colour_space, normal_convention, normal_length, roughness_is_gloss, alpha, alpha_cutoff: see their help.
         wrap: addressing along u and v, each "wrap" or "clamp".
         name: of the set, safe as a folder name. None: the name of the folder.
         factors: role to a number that its values are multiplied with after decoding: roughness, metallic, opacity,
             occlusion, anisotropy (its strength). The factor of normal scales x and y before the vectors are made unit.
-        alpha: "straight" where colours are stored as they are, "premultiplied" where they are multiplied by the alpha
-            beside them, and are divided by it. None: as the file says.
-        alpha_cutoff: what opacity is tested against, so that every level keeps the coverage. None: opacity is blended.
         metadata: whether what files say of their orientation, alpha and colours counts. In glTF it does not.
         origin: who says all this, "option" or "document": a glTF or MaterialX file, where the user chose nothing.
     """
 
     maps: Mapping[str, MapChoice] = field(default_factory=dict)
-    colour_space: str | None = None
-    normal_convention: str | None = None
-    normal_length: str = "ignore"
-    roughness_is_gloss: bool | None = None
+    colour_space: str | None = option(
+        None,
+        "RGB colour space of base colour and emissive, by its name in colour-science (sRGB, ACEScg, 'ITU-R BT.2020'), "
+        "with 'linear ' before it for its linear values.",
+        group=READING,
+        metavar="NAME",
+        otherwise="by file name, else sRGB for files of 8 or 16 bits and linear Rec.709 for float files",
+    )
+    normal_convention: str | None = option(
+        None,
+        "Whether green points up (opengl) or down (directx).",
+        metavar=one_of(NORMAL_CONVENTIONS),
+        otherwise="by file name, else by the curl of the normals",
+    )
+    normal_length: str = option(
+        "ignore",
+        "What happens to normals shorter than one: they are renormalised, or also widen the roughness by the spread "
+        "that the missing length stands for.",
+        group=READING,
+        metavar=one_of(NORMAL_LENGTHS),
+    )
+    roughness_is_gloss: bool | None = option(
+        None,
+        "Whether the roughness map is inverted.",
+        name="gloss",
+        group=READING,
+        otherwise="by file name",
+        negative=True,
+    )
     wrap: tuple[str, str] = ("wrap", "wrap")
     name: str | None = None
     factors: Mapping[str, float] = field(default_factory=dict)
-    alpha: str | None = None
-    alpha_cutoff: float | None = None
+    alpha: str | None = option(
+        None,
+        "Whether colours beside an alpha are stored as they are, or multiplied by it.",
+        group=READING,
+        metavar=one_of(ALPHAS),
+        otherwise="as the file says",
+    )
+    alpha_cutoff: float | None = option(
+        None,
+        "Opacity from which the renderer draws a texel. Every level then keeps the coverage of level 0.",
+        group=READING,
+        metavar="0..1",
+        otherwise="opacity is blended",
+    )
     metadata: bool = True
     origin: str = "option"
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from mipbake.stack.output import Output
     from mipbake.stack.promise import Promise
 
-Recipe: TypeAlias = Mapping[str, str]
+Fingerprint: TypeAlias = Mapping[str, str]
 """Hashes of what a result is made from: its "sources" and how they are read, the "options" and the "weights". What
 `mipbake bake` finds unchanged it need not bake again."""
 
@@ -48,7 +48,7 @@ class Provenance:
         promise: how every level measured beside the best closed form, by methods that measure; None for others.
         adjustments: what was changed after the bake, in sentences.
         alpha_cutoff: what opacity is tested against, and keeps its coverage for; None where it is blended.
-        recipe: see `Recipe`; empty for stacks that were not baked from files.
+        recipe: see `Fingerprint`; empty for stacks that were not baked from files.
 
     Raises:
         UsageError: stacks are made for no such aim.
@@ -68,7 +68,7 @@ class Provenance:
     promise: Promise | None = None
     adjustments: tuple[str, ...] = ()
     alpha_cutoff: float | None = None
-    recipe: Recipe = field(default_factory=dict)
+    recipe: Fingerprint = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Checks what may come from files."""

@@ -35,7 +35,7 @@ from mipbake.stack.gpu_files import KTX2, GpuFile
 from mipbake.stack.map_files import MapFile, quantised_levels, stood_for
 from mipbake.stack.output import GLB, GLB_TEXELS, Output, planned
 from mipbake.stack.packing import Normals
-from mipbake.stack.stack import MipStack, Recipe
+from mipbake.stack.stack import Fingerprint, MipStack
 
 _OUTPUT = Output(f"ktx2:{GLB_TEXELS[0]}", "orm", Normals("opengl"))
 
@@ -165,7 +165,7 @@ def save_document(
     results: Sequence[tuple[GltfBake, MipStack, Encoded]],
     plain: Sequence[PlainTexture] = (),
     levels: int | None = None,
-    recipe: Recipe | None = None,
+    recipe: Fingerprint | None = None,
 ) -> tuple[PlainCost, ...]:
     """Writes a GLB of a document with baked textures, over an earlier one of mipbake's alone.
 
