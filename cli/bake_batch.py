@@ -32,7 +32,7 @@ from mipbake.library import (
     watch_library,
 )
 from mipbake.library.depfile import write_depfile
-from mipbake.library.finding import found_library
+from mipbake.library.listing import found_library
 from mipbake.library.results import Progress
 from mipbake.library.run import Choose
 from mipbake.source.layout import PROJECT
@@ -192,8 +192,7 @@ class _Printer(BatchListener):
         beside = [
             (what, file) for what, file in (("depfile", self.depfile), ("log", self.log.path)) if file is not None
         ]
-        for home in (entry.home for entry in entries if beside):
-            result = self.call.out / home.folder / home.name
+        for result in (self.call.out / entry.result for entry in entries if beside and entry.result.parts):
             for what, file in beside:
                 if disk.lies_in(file, result):
                     raise UsageError(

@@ -61,7 +61,7 @@ def inspect(
 
 def _show_project(session: Session, config: Path, sources: Sequence[str]) -> None:
     """Prints what applies to the sets of a library, and where that is said."""
-    from mipbake.library.finding import found_library
+    from mipbake.library.listing import found_library
     from mipbake.library.project import read_project
 
     project = read_project(config)

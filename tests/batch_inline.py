@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from mipbake.baking import BakeOptions
-from mipbake.library import BatchOptions, Summary, bake_library
+from mipbake.library import BatchOptions, EntryResult, Summary, bake_library
 from mipbake.library import run as batch_run
-from mipbake.library.task import Done, Task, work
+from mipbake.library.task import Task, work
 
 from .command_line import write_set
 
@@ -31,10 +31,10 @@ class Inline:
     def processes(self, _count: int) -> int:
         return 1
 
-    def done(self, tasks: Iterable[Task]) -> Iterator[tuple[Task, Done]]:
+    def done(self, tasks: Iterable[Task]) -> Iterator[EntryResult]:
         for task in tasks:
             self.labels.append(task.entry.label)
-            yield task, work(task)
+            yield work(task)
 
     @contextmanager
     def workers(self, _jobs: int, _share: object) -> Iterator[Inline]:

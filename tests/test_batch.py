@@ -33,7 +33,7 @@ __all__ = ["inline_workers", "small_library"]
 def test_what_has_not_changed_is_not_looked_into(library: Path, inline: Inline) -> None:
     assert counts(bake(library)) == (2, 0, 0)
     out = library.parent / "out"
-    assert (out / "metals/steel/stack.json").is_file() and (out / "wood/stack.json").is_file()
+    assert (out / "metals/steel/steel/stack.json").is_file() and (out / "wood/wood/stack.json").is_file()
     inline.labels.clear()
     assert counts(bake(library)) == (0, 2, 0)
     assert inline.labels == []
@@ -50,14 +50,13 @@ def test_what_killed_processes_left_beside_unchanged_results_goes(
     options = BakeOptions(method="linear", max_level=0)
     bake(library, options)
     out = library.parent / "out"
-    assert (out / "bolt.glb").is_file()
+    assert (out / "bolt.glb/bolt.glb").is_file()
     if not with_list:
         shutil.rmtree(out / ".mipbake")
     before = [name for name in tree(out) if ".mipbake" not in name]
-    for name in ("wood", "metals/.steel", "bolt.glb", "mipbake-trial", "metals/.mipbake-trial"):
-        folder, _, last = name.rpartition(".") if "/" in name else ("", "", name)
+    for name in ("wood/wood", "metals/steel/steel", "bolt.glb/bolt.glb", "wood/mipbake-trial"):
         for suffix in ("partial",) if "trial" in name else ("partial", "old"):
-            (out / folder / f".{last}.0badcafe.{suffix}").mkdir()
+            (out / name).with_name(f".{Path(name).name}.0badcafe.{suffix}").mkdir()
     (out / ".notes.0badcafe.partial").mkdir()  # beside nothing of ours
     dry = tree(out)
     assert bake(library, options, dry_run=True).planned == 0 and tree(out) == dry
@@ -70,16 +69,17 @@ def test_what_killed_processes_left_beside_unchanged_results_goes(
 
 def test_a_result_that_was_moved_aside_comes_back_unchanged(library: Path, inline: Inline) -> None:
     bake(library)
-    (library.parent / "out/wood").rename(library.parent / "out/.wood.0badcafe.old")
+    place = library.parent / "out/wood/wood"
+    place.rename(place.with_name(".wood.0badcafe.old"))
     assert counts(bake(library)) == (0, 2, 0)
-    assert (library.parent / "out/wood/stack.json").is_file()
+    assert (place / "stack.json").is_file()
 
 
 @pytest.mark.long
 def test_results_are_those_of_a_bake_without_a_batch(library: Path, inline: Inline) -> None:
     bake(library)
     mipbake.bake_all(library / "wood", library.parent / "alone", LINEAR)
-    one, other = library.parent / "alone/wood", library.parent / "out/wood"
+    one, other = library.parent / "alone/wood", library.parent / "out/wood/wood"
     assert tree(one) == tree(other)
     assert all((one / name).read_bytes() == (other / name).read_bytes() for name in tree(one))
 
@@ -170,15 +170,17 @@ def test_a_dry_run_says_what_cannot_be_written(library: Path, inline: Inline) ->
     for dry_run in (True, False):
         said = {str(failure.error) for failure in bake(library, dry_run=dry_run).failures}
         assert said == {
-            f"cannot write to {out / name}: {out} is a file, choose another folder" for name in ("metals/steel", "wood")
+            f"cannot write to {out / name}: {out} is a file, choose another folder"
+            for name in ("metals/steel/steel", "wood/wood")
         }
     out.unlink()
-    (out / "wood").mkdir(parents=True)
-    (out / "wood" / "notes.txt").touch()  # no result of ours
+    notes = out / "wood/wood/notes.txt"  # no result of ours
+    notes.parent.mkdir(parents=True)
+    notes.touch()
     for dry_run in (True, False):
         [failure] = bake(library, dry_run=dry_run).failures
-        assert f"cannot write to {out / 'wood'}: " in str(failure.error)
-    assert (out / "wood" / "notes.txt").exists()
+        assert f"cannot write to {notes.parent}: " in str(failure.error)
+    assert notes.exists()
 
 
 @pytest.mark.long
@@ -187,7 +189,7 @@ def test_a_dry_run_says_why_and_writes_nothing(library: Path, inline: Inline) ->
     assert {each.why for e in bake(library, dry_run=True).entries for each in e.results} == {"there is no result yet"}
     assert not out.exists()
     bake(library)
-    before = {path: path.stat().st_mtime_ns for path in out.rglob("*")}
+    before = {path: path.stat().st_mtime_ns for path in out.rglob("*") if path.is_file()}
 
     def why() -> str:
         told: str = only(bake(library, dry_run=True), Planned).why
@@ -195,9 +197,9 @@ def test_a_dry_run_says_why_and_writes_nothing(library: Path, inline: Inline) ->
 
     write_png(library / "wood/roughness.png", np.full((16, 16), 91, np.uint8))
     assert why() == "its sources changed"
-    assert {path: path.stat().st_mtime_ns for path in out.rglob("*")} == before
+    assert {path: path.stat().st_mtime_ns for path in out.rglob("*") if path.is_file()} == before
     bake(library)
-    manifest = out / "wood/stack.json"
+    manifest = out / "wood/wood/stack.json"
     recipe = json.loads(manifest.read_text())["provenance"]["recipe"]
     changed_manifest(manifest, recipe={**recipe, "weights": "0"})
     assert why() == "the weights changed"
@@ -208,7 +210,7 @@ def test_a_dry_run_says_why_and_writes_nothing(library: Path, inline: Inline) ->
     changed_manifest(manifest, recipe={}, tool_version=mipbake.__version__)
     assert why() == "its result does not say what it was made from"
     changed_manifest(manifest, recipe=recipe)
-    normal = out / "wood/normal_mip00.png"
+    normal = out / "wood/wood/normal_mip00.png"
     normal.write_bytes(normal.read_bytes()[:-1])
     assert why() == "its file normal_mip00.png has another size than when it was written"
     normal.unlink()
@@ -217,7 +219,7 @@ def test_a_dry_run_says_why_and_writes_nothing(library: Path, inline: Inline) ->
     aged(library)
     for _ in range(2):  # with what the list knows of the sources, and without
         [failure] = bake(library, dry_run=True).failures
-        assert f"cannot write to {out / 'wood'}: it holds files that are not mipbake's" in str(failure.error)
+        assert f"cannot write to {out / 'wood/wood'}: it holds files that are not mipbake's" in str(failure.error)
         shutil.rmtree(out / ".mipbake", ignore_errors=True)
     shutil.rmtree(out / "wood")
     assert why() == "there is no result yet"
@@ -242,7 +244,7 @@ def test_archives_documents_and_tiles(tmp_path: Path, inline: Inline) -> None:
     assert first.failures == []
     assert first.documents == 1
     out = tmp_path / "out"
-    assert {"several/one/stack.json", "several/two/stack.json", "udim/stack.1001.json"} <= set(tree(out))
+    assert {"several.zip/one/stack.json", "several.zip/two/stack.json", "udim/udim/stack.1001.json"} <= set(tree(out))
     shutil.rmtree(out / ".mipbake")
     second = bake(root, options)
     assert (second.baked, second.documents, second.unchanged) == (0, 0, 4), second
@@ -293,8 +295,8 @@ def test_unchanged_results_say_where_they_are(library: Path, inline: Inline) -> 
     found = [each for entry in bake(library).entries for each in entry.results]
     assert all(isinstance(each, Unchanged) for each in found)
     assert {each.out for each in found if isinstance(each, Unchanged)} == {
-        library.parent / "out/metals/steel",
-        library.parent / "out/wood",
+        library.parent / "out/metals/steel/steel",
+        library.parent / "out/wood/wood",
     }
 
 
@@ -331,15 +333,14 @@ def test_shards_are_the_library(library: Path, inline: Inline) -> None:
     assert everything == ["metals/steel", "more/brass", "more/copper", "more/tin", "wood"]
     assert counts(bake(library)) == (0, 5, 0)
     assert bake(library, shard=Shard(9, 9)).entries == ()
-    lists = {path.name for path in (library.parent / "out/.mipbake").iterdir()}
-    assert {"batch.sqlite", *(f"batch-{number}-of-3.sqlite" for number in (1, 2, 3))} <= lists
+    assert tree(library.parent / "out/.mipbake") == ["batch.jsonl"]
     inline.labels.clear()
     assert counts(bake(library, shard=Shard(2, 3))) == (0, 2, 0) and inline.labels == []
 
 
 @pytest.mark.long
 def test_a_set_that_comes_into_another_shard_is_still_its_own(library: Path, inline: Inline) -> None:
-    """Its list does not know it, and its maps are others: the lists beside it tell that the place is free."""
+    """And its maps are others."""
     for number in (1, 2):
         bake(library, shard=Shard(number, 2))
     write_set(library / "a")

@@ -1,4 +1,4 @@
-"""Batches on a Ray cluster of two machines, which are processes here."""
+"""Batches on a Ray cluster of two machines, which are processes here and see the same disk."""
 
 from __future__ import annotations
 
@@ -7,28 +7,24 @@ import signal
 import subprocess
 import threading
 import time
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
-from pathlib import Path
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path, PurePath
 from typing import Any
 
-import numpy as np
 import pytest
 
 from mipbake.baking import BakeOptions, NotBaked
 from mipbake.base.errors import InputError, UsageError
 from mipbake.base.leftovers import OLD, PARTIAL
+from mipbake.base.version import __version__
 from mipbake.cli.main import main
 from mipbake.library import BatchListener, BatchOptions, Entry, EntryResult, Summary, bake_library
 from mipbake.library.cluster import Order, followed
-from mipbake.library.parcels import moved
 from mipbake.library.results import Progress
 from mipbake.library.task import Task
 from mipbake.source.options import LoadOptions
 
-from .command_line import fails, tree, write_png, write_set
-from .gltf_files import png
-from .gltf_results import two_textures
+from .command_line import fails, tree, write_set
 from .test_batch_workers import COMMAND, LINEAR, content, write_library
 
 ray = pytest.importorskip("ray", reason="the extra `cluster` has no build for this system")
@@ -46,18 +42,17 @@ def two_machines() -> Iterator[Cluster]:
     made.shutdown()
 
 
-class Apart(BatchListener):
-    """Takes the mark away by which machines see that they share a disk; so for them they do not."""
+class Heard(BatchListener):
+    """Remembers how many processes there are, and may do something before they begin."""
 
-    def __init__(self, out: Path) -> None:
-        self.marks = out / ".mipbake"
+    def __init__(self, begins: Callable[[], object] = bool) -> None:
         self.processes = 0
+        self.begins = begins
 
     def found(self, entries: Sequence[Entry], notes: Sequence[str], jobs: int) -> None:
         del entries, notes
         self.processes = jobs
-        for mark in self.marks.glob(f".shared.*{PARTIAL}"):
-            mark.unlink()
+        self.begins()
 
 
 def bake(
@@ -76,7 +71,7 @@ def test_results_are_those_of_one_machine(tmp_path: Path, machines: Cluster, mon
     """Paths may be relative: machines of a cluster have working directories of their own."""
     write_library(tmp_path / "lib", 4)
     monkeypatch.chdir(tmp_path)
-    listener = Apart(Path("nowhere"))
+    listener = Heard()
     found = bake("lib", "out", machines, listener)
     assert counts(found) == (4, 0, 1) and listener.processes == 2
     here = bake_library("lib", "calm", LINEAR)
@@ -87,7 +82,7 @@ def test_results_are_those_of_one_machine(tmp_path: Path, machines: Cluster, mon
     for a, b in baked:
         assert isinstance(a, NotBaked) or Path("calm") / a.out.relative_to("out") == b.out  # type: ignore[union-attr]
     assert counts(bake("lib", "out", machines)) == (0, 4, 1)
-    assert tree(Path("out/.mipbake")) == ["batch.sqlite"]
+    assert tree(Path("out/.mipbake")) == ["batch.jsonl"]
 
 
 def test_the_command(tmp_path: Path, machines: Cluster, capsys: pytest.CaptureFixture[str]) -> None:
@@ -99,57 +94,29 @@ def test_the_command(tmp_path: Path, machines: Cluster, capsys: pytest.CaptureFi
     assert "found 2 sources, baking with 2 processes" in told and "1 set baked, 0 unchanged, 1 failed" in told
 
 
-@pytest.mark.long
-def test_files_are_sent_where_they_are_not_seen(
-    tmp_path: Path, machines: Cluster, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    write_library(tmp_path / "lib", 3)
-    monkeypatch.chdir(tmp_path)
-    sent = bake("lib", "out", machines, Apart(Path("out")))
-    here = bake_library("lib", "calm", LINEAR)
-    assert counts(sent) == (3, 0, 1), [str(each.error) for each in sent.failures]
-    assert content(Path("out")) == content(Path("calm"))
-    assert str(sent.failures[0].error) == str(here.failures[0].error)
-    assert all(each.out.is_dir() for entry in sent.entries for each in entry.results if not isinstance(each, NotBaked))
-    assert counts(bake("lib", "out", machines)) == (0, 3, 1)
-    assert counts(bake("lib", "out", machines, Apart(Path("out")), force=True)) == (3, 0, 1)
-    assert content(Path("out")) == content(Path("calm"))
-
-
-@pytest.mark.long
-def test_what_is_sent_does_not_replace_what_is_not_its_own(tmp_path: Path, machines: Cluster) -> None:
+def test_a_machine_that_does_not_see_the_results_says_so(tmp_path: Path, machines: Cluster) -> None:
+    out = tmp_path / "out"
     write_set(tmp_path / "lib" / "steel")
-    (tmp_path / "out" / "steel").mkdir(parents=True)
-    (tmp_path / "out" / "steel" / "notes.txt").write_text("of somebody")
-    found = bake(tmp_path / "lib", tmp_path / "out", machines, Apart(tmp_path / "out"))
-    assert "files that are not mipbake's" in str(found.failures[0].error)
-    assert tree(tmp_path / "out" / "steel") == ["notes.txt"]
+
+    def lose_the_mark() -> None:
+        for mark in (out / ".mipbake").glob(f".shared.*{PARTIAL}"):
+            mark.unlink()
+
+    found = bake(tmp_path / "lib", out, machines, Heard(lose_the_mark))
+    assert counts(found) == (0, 0, 1) and found.exit_code == 3
+    assert f"does not see {out} as the machine does that has begun the batch" in str(found.failures[0].error)
 
 
-@pytest.mark.long
-def test_an_archive_a_document_and_tiles_are_sent(tmp_path: Path, machines: Cluster) -> None:
-    import shutil
-
-    write_set(tmp_path / "steel")
-    (tmp_path / "lib").mkdir()
-    shutil.make_archive(str(tmp_path / "lib" / "steel"), "zip", tmp_path / "steel")
-    two_textures(png("normal n"), png("mr")).write(tmp_path / "lib" / "scene")
-    rock = tmp_path / "lib" / "rock"
-    write_set(rock)
-    for file in list(rock.iterdir()):
-        for tile in (1001, 1002):
-            shutil.copy(file, rock / f"rock_{file.stem}.{tile}.png")
-        file.unlink()
-    options = BakeOptions(method="linear", max_level=1)
-    how = BatchOptions(cluster=machines.address)
-    found = bake_library(tmp_path / "lib", tmp_path / "out", options, None, how, Apart(tmp_path / "out"))
-    assert counts(found) == (4, 0, 0), [str(each.error) for each in found.failures]
-    assert found.documents == 1 and (tmp_path / "out" / "scene.glb").is_file()
-    bake_library(tmp_path / "lib", tmp_path / "calm", options)
-    assert content(tmp_path / "out") == content(tmp_path / "calm")
-    shutil.rmtree(tmp_path / "out" / ".mipbake")
-    again = bake_library(tmp_path / "lib", tmp_path / "out", options, None, how, Apart(tmp_path / "out"))
-    assert (again.baked, again.documents, again.failures) == (0, 0, [])
+def test_a_machine_that_sees_other_sources_says_so(tmp_path: Path) -> None:
+    source = write_set(tmp_path / "lib" / "steel")
+    entry = Entry(source, "steel", PurePath("steel"))
+    task = Task(entry, tmp_path / "out", BakeOptions(), LoadOptions(), "", "changed", True)
+    mark = tmp_path / "out/.mipbake/mark"
+    mark.parent.mkdir(parents=True)
+    mark.touch()
+    order = Order(__version__, 1, None, task, Path.cwd(), mark, (("steel/normal.png", 1),))
+    with pytest.raises(InputError, match=f"does not see {source} as the machine"):
+        followed(order)
 
 
 def at_work() -> list[int]:
@@ -165,10 +132,7 @@ def at_work() -> list[int]:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("apart", [False, True])
-def test_what_a_process_leaves_when_it_is_killed_is_done_by_others(
-    tmp_path: Path, machines: Cluster, apart: bool
-) -> None:
+def test_what_a_process_leaves_when_it_is_killed_is_done_by_others(tmp_path: Path, machines: Cluster) -> None:
     library = write_library(tmp_path / "lib", 4)
     killed = threading.Event()
 
@@ -184,7 +148,7 @@ def test_what_a_process_leaves_when_it_is_killed_is_done_by_others(
     thread = threading.Thread(target=kill)
     thread.start()
     out = tmp_path / "out"
-    found = bake(library, out, machines, Apart(out if apart else tmp_path / "nowhere"))
+    found = bake(library, out, machines)
     thread.join()
     assert killed.is_set() and counts(found) in ((4, 0, 1), (3, 1, 1))  # it may have written its result before
     bake_library(library, tmp_path / "calm", LINEAR)
@@ -210,48 +174,6 @@ def test_what_a_machine_leaves_when_it_goes_is_done_by_others(tmp_path: Path, ma
     assert counts(bake(library, tmp_path / "out", machines, Removes())) in ((4, 0, 1), (3, 1, 1))
     bake_library(library, tmp_path / "calm", LINEAR)
     assert content(tmp_path / "out") == content(tmp_path / "calm")
-
-
-def test_paths_are_moved_where_they_are_paths() -> None:
-    places = {"/a/p": ".", "/a/p/steel": "steel", "/a/p-baked": "../p-baked"}
-    for before, after in (
-        ("/a/p/steel/normal.png cannot be read", "steel/normal.png cannot be read"),
-        ("'/a/p/brass' and (/a/p-baked/x): no", "'./brass' and (../p-baked/x): no"),
-        ("/a/p.zip, /b/a/p, /a/p2", "/a/p.zip, /b/a/p, /a/p2"),
-    ):
-        assert moved(before, places) == after
-    assert moved((Path("/a/p-baked/s"), {"k": Path("/a/p/steel")}), places) == (
-        Path("../p-baked/s"),
-        {"k": Path("steel")},
-    )
-    assert moved(InputError("/a/p/steel: no"), places).args == ("steel: no",)
-
-
-@pytest.mark.long
-def test_links_and_other_folders(tmp_path: Path, machines: Cluster, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As on one machine: a set and a map that are links, `..` after a link, a map beside the working directory."""
-    write_set(tmp_path / "store" / "steel_v3")
-    (tmp_path / "store" / "more").mkdir()
-    chair = tmp_path / "store" / "chair" / "v3"
-    chair.mkdir(parents=True)
-    two_textures(png("normal n"), png("mr")).write(chair / "chair", "gltf")
-    work = tmp_path / "work"
-    (work / "lib").mkdir(parents=True)
-    (work / "lib" / "steel").symlink_to(tmp_path / "store" / "steel_v3")
-    (work / "lib" / "chair").symlink_to(chair)
-    write_set(work / "lib" / "wood", roughness=None)
-    (work / "lib" / "wood" / "wood_height.png").symlink_to(tmp_path / "store" / "steel_v3" / "roughness.png")
-    (work / "more").mkdir()
-    write_png(work / "more" / "r.png", np.full((16, 16), 99, np.uint8))
-    monkeypatch.chdir(work)
-    load = LoadOptions(maps={"roughness": "more/r.png:R"})
-    how = BatchOptions(cluster=machines.address)
-    listener = Apart(Path("out"))
-    for name, options in (("lib/wood", load), ("lib/steel", LoadOptions()), ("../work/lib/chair", LoadOptions())):
-        there = bake_library(name, "out", LINEAR, options, how, listener)
-        here = bake_library(name, "calm", LINEAR, options)
-        assert [str(each.error) for each in there.failures] == [str(each.error) for each in here.failures] == []
-    assert content(Path("out")) == content(Path("calm")) != {}
 
 
 def test_more_memory_than_there_is(tmp_path: Path, machines: Cluster) -> None:
@@ -301,8 +223,8 @@ def test_no_cluster(tmp_path: Path, capsys: pytest.CaptureFixture[str], address:
 def test_another_version_is_refused(tmp_path: Path) -> None:
     library = write_library(tmp_path / "lib", 1)
     entry = bake_library(library, tmp_path / "out", LINEAR, None, BatchOptions(dry_run=True)).entries[0].entry
-    task = Task(entry, tmp_path / "out", BakeOptions(), LoadOptions(), "changed", True)
-    order = Order("0.0.1", 1, None, replace(task, which="none"), tmp_path / "mark")
+    task = Task(entry, tmp_path / "out", BakeOptions(), LoadOptions(), "", "none", True)
+    order = Order("0.0.1", 1, None, task, tmp_path, tmp_path / "mark")
     with pytest.raises(UsageError, match=r"begun by 0\.0\.1: install the same version"):
         followed(order)
 
@@ -311,16 +233,3 @@ def test_a_dry_run_needs_no_cluster(tmp_path: Path) -> None:
     library = write_library(tmp_path / "lib", 1)
     options = BatchOptions(cluster="127.0.0.1:1", dry_run=True)
     assert bake_library(library, tmp_path / "out", LINEAR, None, options).planned == 1
-
-
-@pytest.mark.long
-def test_broken_files_are_told_of_with_the_paths_of_the_user(
-    tmp_path: Path, machines: Cluster, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Also what is found when a set is read, which the other machine does."""
-    write_set(tmp_path / "lib" / "steel")
-    write_png(tmp_path / "lib" / "steel" / "normal.png", np.zeros((16, 16, 3), np.uint8))
-    monkeypatch.chdir(tmp_path)
-    sent = bake("lib", "out", machines, Apart(Path("out")))
-    here = bake_library("lib", "calm", LINEAR)
-    assert [str(each.error) for each in sent.failures] == [str(each.error) for each in here.failures] != []

@@ -32,7 +32,7 @@ def test_the_rule(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytes
     assert main(["bake", "my textures", "-r", "-o", "out", "--depfile", "deep/wood.d", *ARGUMENTS]) == 0
     rule, *empty = Path("deep/wood.d").read_text().split("\n\n")
     results, sources = rule.replace(" \\\n  ", " ").split(": ")
-    assert results == "out/wood_1/stack.json"
+    assert results == r"out/wood\ \#1/wood_1/stack.json"
     inside = [rf"my\ textures/wood\ \#1/{name}.png" for name in ("base_color", "normal", "roughness")]
     assert sources == " ".join([*inside, r"my\ textures/wood\ \#1", r"my\ textures"])
     assert [line.strip() for line in empty] == [
@@ -135,7 +135,7 @@ def test_ninja_bakes_where_the_project_file_has_changed(tmp_path: Path) -> None:
     assert builds(tmp_path) and not builds(tmp_path)
     project.write_text(text + "strength = 0.5\n")
     assert builds(tmp_path) and not builds(tmp_path)
-    assert json.loads((tmp_path / "out/wood/stack.json").read_text())["provenance"]["adjustments"]
+    assert json.loads((tmp_path / "out/wood/wood/stack.json").read_text())["provenance"]["adjustments"]
 
 
 @pytest.mark.long

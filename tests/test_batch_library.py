@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from mipbake.base.errors import InputError
-from mipbake.library import Entry, entries_below, entries_of
+from mipbake.library import Entry, entries_below, found_library
+from mipbake.source.options import LoadOptions
 
 MAPS = ("wood_normal.png", "wood_roughness.png")
 
@@ -30,58 +31,49 @@ def below(root: Path, out: Path | None = None, files_of=none) -> tuple[Entry, ..
     return entries_below([root], out or root.parent / "out", files_of).entries
 
 
-def places(entries: Iterable[Entry]) -> dict[str, str]:
-    """Label to the place of a result that is called as the source is."""
-    return {each.label: str(each.home.place([each.home.name]) / each.home.name) for each in entries}
+def results(*sources: Path, recursive: bool = True) -> dict[str, str]:
+    """Label to the folder of its results."""
+    found = found_library(sources, sources[0].parent / "out", lambda _: LoadOptions(), recursive)
+    return {each.label: each.result.as_posix() for each in found.entries}
 
 
-def test_the_tree_is_kept(tmp_path: Path) -> None:
+def labels(entries: Iterable[Entry]) -> set[str]:
+    return {each.label for each in entries}
+
+
+def test_results_keep_the_tree_of_the_library(tmp_path: Path) -> None:
     root = make(
-        tmp_path / "lib", *(f"metals/steel/{name}" for name in MAPS), "wood.zip", "chairs/red.glb", "a/b/c.mtlx"
+        tmp_path / "lib",
+        *(f"metals/steel/{name}" for name in MAPS),
+        *(f"my wood/{name}" for name in MAPS),
+        "wood.zip",
+        "chairs/red.glb",
+        "a/b/c.mtlx",
     )
-    assert places(below(root)) == {
-        "wood.zip": "wood",
-        "a/b/c.mtlx": "a/b/c",
-        "chairs/red.glb": "chairs/red",
-        "metals/steel": "metals/steel",
+    assert results(root) == {
+        "wood.zip": "wood.zip",
+        "a/b/c.mtlx": "a/b/c.mtlx",
+        "chairs/red.glb": "chairs/red.glb/red",
+        "metals/steel": "metals/steel/steel",
+        "my wood": "my wood/my_wood",
     }
 
 
-def test_sources_with_several_results_get_a_folder(tmp_path: Path) -> None:
-    (entry,) = below(make(tmp_path / "lib", "metals/all.zip"))
-    assert entry.home.place(["all"]).as_posix() == "metals"
-    assert entry.home.place(["iron", "gold"]).as_posix() == "metals/all"
-    assert entry.home.place(["iron"]).as_posix() == "metals/all"
+def test_a_source_that_is_named_is_a_library_of_its_own(tmp_path: Path) -> None:
+    root = make(tmp_path / "wood", *MAPS)
+    archive, scene = (make(tmp_path, name) / name for name in ("x.zip", "s.gltf"))
+    assert results(root) == {".": "wood"}
+    named = {str(root): "wood", str(archive): ".", str(scene): "s"}
+    assert results(root, archive, scene) == results(root, archive, scene, recursive=False) == named
 
 
-def test_names_that_several_sources_would_have(tmp_path: Path) -> None:
-    root = make(tmp_path / "lib", "wood.zip", "wood.glb", "WOOD.mtlx", *(f"wood/{name}" for name in MAPS))
-    found = below(root)
-    named = places(found)
-    assert named["wood"] == "wood"  # folders come first
-    assert len({place.casefold() for place in named.values()}) == len(named) == 4
-    for entry in found:
-        if entry.label != "wood":  # whatever they hold, it lies in a folder that is theirs
-            assert entry.home.place([entry.home.name]) == entry.home.place(["x", "y"])
-            assert entry.home.place(["x"]).name == entry.label
-
-
-def test_a_result_holds_no_other(tmp_path: Path) -> None:
-    """The files of a stack lie alone in their folder."""
+def test_no_result_is_or_holds_the_result_of_another_source(tmp_path: Path) -> None:
     root = make(tmp_path / "lib", *(f"{folder}{name}" for folder in ("w/", "w/4k/", "w/w/") for name in MAPS))
-    named = places(below(root))
-    assert named["w"] == "w/w_2" or named["w"] == "w/w"
-    folders = [Path(place) for place in named.values()]
-    assert len(set(folders)) == 3
-    assert not any(a != b and a in b.parents for a in folders for b in folders)
-
-
-def test_adding_a_source_moves_no_other(tmp_path: Path) -> None:
-    root = make(tmp_path / "lib", "wood.zip", *(f"wood/{name}" for name in MAPS), "x/a.zip")
-    before = places(below(root))
-    make(root, "wood.gltf", "ash.zip", "x/b.zip")
-    after = places(below(root))
-    assert before.items() <= after.items()
+    found = found_library([root], tmp_path / "out", lambda _: LoadOptions()).entries
+    assert {each.label: each.rival for each in found} == {"w": None, "w/4k": None, "w/w": root / "w"}
+    one, two = (make(tmp_path / name / "wood", *MAPS) for name in ("one", "two"))
+    found = found_library([one, two], tmp_path / "out", lambda _: LoadOptions(), recursive=False).entries
+    assert [each.rival for each in found] == [None, one]
 
 
 def test_what_is_passed_over(tmp_path: Path) -> None:
@@ -123,13 +115,13 @@ def test_textures_belong_to_the_folder_around_them(tmp_path: Path) -> None:
     root = make(
         tmp_path / "lib", *(f"set/textures/{name}" for name in MAPS), "scene/scene.gltf", "scene/textures/a.png"
     )
-    assert set(places(below(root))) == {"set", "scene/scene.gltf"}
+    assert labels(below(root)) == {"set", "scene/scene.gltf"}
 
 
 def test_maps_beside_a_document_are_its_own_or_a_set(tmp_path: Path) -> None:
     root = make(tmp_path / "lib", "s/s.gltf", *(f"s/{name}" for name in MAPS))
-    assert set(places(below(root, files_of=lambda _: [root / "s" / name for name in MAPS]))) == {"s/s.gltf"}
-    assert set(places(below(root))) == {"s/s.gltf", "s"}
+    assert labels(below(root, files_of=lambda _: [root / "s" / name for name in MAPS])) == {"s/s.gltf"}
+    assert labels(below(root)) == {"s/s.gltf", "s"}
 
 
 def test_a_broken_document_is_a_source(tmp_path: Path) -> None:
@@ -138,7 +130,7 @@ def test_a_broken_document_is_a_source(tmp_path: Path) -> None:
     def broken(_document: Path) -> Iterable[Path]:
         raise InputError("broken")
 
-    assert set(places(below(root, files_of=broken))) == {"s/s.gltf"}
+    assert labels(below(root, files_of=broken)) == {"s/s.gltf"}
 
 
 def test_names_say_more_than_the_materialx_document_beside_them(tmp_path: Path) -> None:
@@ -148,16 +140,11 @@ def test_names_say_more_than_the_materialx_document_beside_them(tmp_path: Path) 
     assert "s.mtlx is left out" in library.notes[0]
 
 
-def test_a_library_that_is_a_set(tmp_path: Path) -> None:
-    assert places(below(make(tmp_path / "wood", *MAPS))) == {".": "wood"}
-
-
 def test_files_among_the_roots_and_several_roots(tmp_path: Path) -> None:
     one, two = (make(tmp_path / name, *(f"w/{each}" for each in MAPS)) for name in ("one", "two"))
     archive = make(tmp_path, "x.zip") / "x.zip"
     found = entries_below([one, two, archive], tmp_path / "out", none).entries
     assert [each.label for each in found] == [str(one / "w"), str(two / "w"), str(archive)]
-    assert len(set(places(found).values())) == 3
 
 
 def test_nothing_to_bake(tmp_path: Path) -> None:
@@ -166,9 +153,3 @@ def test_nothing_to_bake(tmp_path: Path) -> None:
         below(root)
     with pytest.raises(InputError, match="does not exist"):
         below(tmp_path / "no")
-
-
-def test_sources_that_are_named_lie_side_by_side(tmp_path: Path) -> None:
-    paths = [tmp_path / "a" / "wood", tmp_path / "b" / "wood", tmp_path / "b" / "iron.zip"]
-    named = places(entries_of(paths).entries)
-    assert named[str(paths[2])] == "iron" and len(set(named.values())) == 3

@@ -13,10 +13,6 @@ import pytest
 from mipbake.baking import BakeOptions, sets
 from mipbake.baking.methods import Sitting, Stop
 from mipbake.library import bake_library
-from mipbake.library.listing import Entry, Home
-from mipbake.library.parcels import Parcel, baked_from
-from mipbake.library.task import Task
-from mipbake.source.options import LoadOptions
 
 from .batch_inline import Inline, aged, counts, inline_workers
 from .command_line import bumps, write_set
@@ -79,20 +75,10 @@ def test_a_search_goes_on_in_the_next_batch(library: Path, inline: Inline, monke
         sittings(patch, cut_off=True)
         with pytest.raises(CutOffError):
             bake_library(library, out, REFINE)
-    kept = out / "metals/.steel.search"
-    assert (kept / "about.json").is_file() and not (out / "metals/steel").exists()
+    kept = out / "metals/steel/.steel.search"
+    assert (kept / "about.json").is_file() and not (out / "metals/steel/steel").exists()
     told: list[str] = []
     sittings(monkeypatch, told=told)
     assert counts(bake_library(library, out, REFINE)) == (1, 0, 0)
     assert told and told[0].startswith(f"going on from the checkpoint {kept}")
-    assert content(out / "metals/steel") == content(whole / "metals/steel") and not kept.exists()
-
-
-def test_a_machine_that_is_sent_files_keeps_none(library: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    found = sittings(monkeypatch)
-    source = library / "metals/steel"
-    entry = Entry(source, "metals/steel", Home(Path("metals"), "steel"))
-    task = Task(entry, library.parent / "out", REFINE, LoadOptions(), "all", True)
-    files = {f"metals/steel/{path.name}": path.read_bytes() for path in source.iterdir()}
-    (delivery,) = baked_from(Parcel(task, library, "metals/steel", files))
-    assert delivery.content and [each.checkpoint for each in found] == [None]
+    assert content(out / "metals/steel/steel") == content(whole / "metals/steel/steel") and not kept.exists()

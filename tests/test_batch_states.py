@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import sqlite3
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,22 +14,25 @@ import pytest
 
 import mipbake
 from mipbake.baking.results import Planned
+from mipbake.cli.main import main
 from mipbake.library import bake_library
 from mipbake.library import task as batch_task
+from mipbake.library.state import Record, States
 
 from .batch_inline import LINEAR, Inline, aged, bake, counts, inline_workers, only, small_library
 from .command_line import tree, write_png, write_set
 from .gltf_files import png
+from .test_batch_parts import write_maps
 
 __all__ = ["inline_workers", "small_library"]
 """Fixtures."""
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("damage", [b"", b"no database at all" * 100, None])
+@pytest.mark.parametrize("damage", [b"", b"no list at all" * 100, None])
 def test_the_list_is_a_shortcut_alone(library: Path, inline: Inline, damage: bytes | None) -> None:
     bake(library)
-    place = library.parent / "out/.mipbake/batch.sqlite"
+    place = library.parent / "out/.mipbake/batch.jsonl"
     place.unlink() if damage is None else place.write_bytes(damage)
     assert counts(bake(library)) == (0, 2, 0)
     assert inline.labels == ["metals/steel", "wood"]
@@ -135,38 +137,52 @@ def test_two_sets_of_one_name_one_in_the_other(tmp_path: Path, inline: Inline) -
     root = write_set(tmp_path / "metals")
     write_set(root / "metals", roughness=None)
     summary = bake(root)
-    assert counts(summary) == (1, 0, 1) and summary.exit_code == 3
+    assert counts(summary) == (1, 0, 1) and summary.exit_code == 4
     assert [each.entry.label for each in summary.entries] == [".", "metals"]
+    assert f"the result of {root} lies there as well" in str(summary.failures[0].error)
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("damage", ["body", "no table", "folder", "file in place of the folder", "locked"])
+@pytest.mark.parametrize("damage", ["a line", "the end", "another shape", "folder", "file in place of the folder"])
 def test_a_list_that_cannot_be_used_is_no_list(library: Path, inline: Inline, damage: str) -> None:
     bake(library)
     folder = library.parent / "out/.mipbake"
-    place = folder / "batch.sqlite"
+    place = folder / "batch.jsonl"
     data = place.read_bytes()
-    if damage == "body":
-        place.write_bytes(data[:100] + b"\xff" * (len(data) - 100))
-    elif damage == "no table":
-        place.unlink()
-        with sqlite3.connect(place) as made:
-            made.execute("pragma user_version = 3")
-    elif damage == "folder":
-        place.unlink()
-        place.mkdir()
-    elif damage == "file in place of the folder":
-        shutil.rmtree(folder)
-        folder.touch()
+    if damage == "a line":
+        place.write_bytes(data[:100] + b"\xff" * 50 + data[150:])
+    elif damage == "the end":
+        place.write_bytes(data[:-30])
+    elif damage == "another shape":
+        place.write_bytes(data.replace(b'"count"', b'"counts"'))
     else:
-        holder = sqlite3.connect(place)
-        holder.execute("begin exclusive")
+        place.unlink()
+        if damage == "folder":
+            place.mkdir()
+        else:
+            folder.rmdir()
+            folder.touch()
     assert counts(bake(library, dry_run=True)) == (0, 2, 0)
     assert counts(bake(library)) == (0, 2, 0)
-    if damage == "locked":
-        holder.close()
     write_png(library / "wood/roughness.png", np.full((16, 16), 91, np.uint8))
     assert counts(bake(library)) == (1, 1, 0)
+
+
+def test_a_list_is_made_shorter_and_others_may_add_to_it(library: Path) -> None:
+    state = Record("wood", "/lib/wood", "", (), (), 1)
+    one, other = States(library), States(library)
+    for count in range(9):
+        one.remember(replace(state, count=count))
+        other.remember(replace(state, entry="iron", count=count))
+    place = library / ".mipbake/batch.jsonl"
+    assert place.read_bytes().count(b"\n") == 18
+    assert {name: record.count for name, record in States(library, write=False).records.items()} == {
+        "wood": 8,
+        "iron": 8,
+    }
+    assert place.read_bytes().count(b"\n") == 18
+    assert States(library).records == States(library, write=False).records
+    assert place.read_bytes().count(b"\n") == 2
 
 
 def test_a_name_that_is_not_utf8(library: Path, inline: Inline) -> None:
@@ -182,7 +198,7 @@ def test_a_name_that_is_not_utf8(library: Path, inline: Inline) -> None:
 @pytest.mark.long
 def test_results_that_somebody_changed(library: Path, inline: Inline) -> None:
     bake(library)
-    result = library.parent / "out/wood/normal_mip00.png"
+    result = library.parent / "out/wood/wood/normal_mip00.png"
     data = result.read_bytes()
     result.write_bytes(b"")
     assert only(bake(library, dry_run=True), Planned).why == "its result changed"
@@ -194,7 +210,7 @@ def test_results_that_somebody_changed(library: Path, inline: Inline) -> None:
 def test_a_result_whose_manifest_a_build_system_removed(library: Path, inline: Inline) -> None:
     """Ninja removes it after Ctrl-C, and `clean` of CMake does: what it leaves is in nobody's way."""
     bake(library)
-    place = library.parent / "out" / "wood"
+    place = library.parent / "out/wood/wood"
     whole = tree(place)
     (place / "stack.json").unlink()
     assert counts(bake(library, dry_run=True)) == (0, 1, 0) and "normal_mip00.png" in tree(place)
@@ -213,7 +229,7 @@ def test_a_result_whose_manifest_a_build_system_removed(library: Path, inline: I
 
 def test_a_result_that_is_gone_is_planned_where_it_was(library: Path, inline: Inline) -> None:
     bake(library)
-    place = library.parent / "out" / "metals" / "steel"
+    place = library.parent / "out/metals/steel/steel"
     shutil.rmtree(place)
     assert only(bake(library, dry_run=True), Planned).out == place
 
@@ -224,14 +240,51 @@ def test_equal_options_are_the_same(library: Path, inline: Inline) -> None:
 
 
 @pytest.mark.long
-def test_a_folder_takes_the_place_of_an_archive(tmp_path: Path, inline: Inline) -> None:
+def test_a_source_that_is_added_moves_no_other(tmp_path: Path, inline: Inline) -> None:
     write_set(tmp_path / "packed")
     root = tmp_path / "lib"
     root.mkdir()
     shutil.make_archive(str(root / "a"), "zip", tmp_path / "packed")
-    assert bake(root).baked == 1
-    write_set(root / "a", **{name: np.full((16, 16, 3), 9, np.uint8) for name in ("base_color", "roughness")})
-    write_png(root / "a/normal.png", np.tile(np.uint8([128, 128, 255]), (16, 16, 1)))
-    summary = bake(root)
-    assert summary.failures == [] and summary.baked == 2
-    assert {"a/stack.json", "a.zip/a/stack.json"} <= set(tree(tmp_path / "out"))
+    assert bake(aged(root)).baked == 1
+    write_set(root / "a")
+    write_set(root / "a" / "b")
+    assert counts(bake(aged(root, 5.0))) == (2, 1, 0)
+    stacks = {name for name in tree(tmp_path / "out") if name.endswith("stack.json")}
+    assert stacks == {"a/a/stack.json", "a/b/b/stack.json", "a.zip/a/stack.json"}
+
+
+@pytest.mark.long
+def test_results_whose_sources_are_gone_are_named(
+    tmp_path: Path, inline: Inline, capsys: pytest.CaptureFixture[str]
+) -> None:
+    root, out = tmp_path / "lib", tmp_path / "out"
+    for name in ("iron", "steel", "wood"):
+        write_set(root / name)
+    command = ["bake", str(aged(root)), "-r", "-o", str(out), "--method", "linear", "--format", "png"]
+    assert main(command) == 0
+    for name in ("wood", "steel"):
+        shutil.rmtree(root / name)
+    capsys.readouterr()
+    assert main(command) == 0
+    said = f"note: 2 results, such as {out / 'steel/steel'}, have no source any more, and nothing is baked there"
+    assert said in capsys.readouterr().out
+    shutil.rmtree(out / "steel/steel")
+    assert main(command) == 0
+    assert f"note: the result {out / 'wood/wood'} has no source any more" in capsys.readouterr().out
+
+
+@pytest.mark.long
+def test_a_tile_that_is_gone_leaves_the_result(tmp_path: Path, inline: Inline) -> None:
+    root, out = tmp_path / "lib", tmp_path / "out/body/body"
+    for tile in (1001, 1002, 1021):
+        write_maps(root / "body", "Body", tile=f".{tile}")
+    bake(aged(root))
+    assert (out / "stack.1021.json").exists()
+    for file in (root / "body").glob("*.1021.png"):
+        file.unlink()
+    aged(root, 5.0)
+    assert only(bake(root, dry_run=True), Planned).why == "the source of its tile 1021 is gone"
+    assert counts(bake(root)) == (2, 0, 0)
+    assert {"stack.1001.json", "stack.1002.json"} <= set(tree(out))
+    assert not any("1021" in name for name in tree(out))
+    assert counts(bake(root))[0] == 0

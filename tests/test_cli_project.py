@@ -49,7 +49,7 @@ def test_a_project_is_baked(project: Path, capsys: pytest.CaptureFixture[str]) -
     assert "1 set baked, 0 unchanged, 0 failed" in capsys.readouterr().out
     assert main(["bake"]) == 0
     assert "1 set baked, 1 unchanged, 0 failed" in capsys.readouterr().out
-    iron, wood = (provenance(project / "baked" / name) for name in ("metals/iron", "wood"))
+    iron, wood = (provenance(project / "baked" / name) for name in ("metals/iron/iron", "wood/wood"))
     assert iron["method"] == wood["method"] == "linear"
     assert iron["adjustments"] and not wood["adjustments"]
     assert main(["bake", "--strength", "1", "--json", "--dry-run"]) == 0
@@ -59,8 +59,8 @@ def test_a_project_is_baked(project: Path, capsys: pytest.CaptureFixture[str]) -
         "wood": None,
     }
     assert main(["bake", "-o", "other", "--map", "metallic=1", "--wrap-u", "clamp", "--gloss", "--filter", "box"]) == 0
-    assert provenance(project / "other/wood")["pixel_filter"] == "box"
-    assert json.loads((project / "other/wood/stack.json").read_text())["wrap"] == {"u": "clamp", "v": "wrap"}
+    assert provenance(project / "other/wood/wood")["pixel_filter"] == "box"
+    assert json.loads((project / "other/wood/wood/stack.json").read_text())["wrap"] == {"u": "clamp", "v": "wrap"}
 
 
 def test_what_applies_is_shown_with_its_place(project: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -97,7 +97,7 @@ def test_init(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Ca
     assert f"wrote {tmp_path / 'mipbake.toml'}" in capsys.readouterr().out
     monkeypatch.chdir(tmp_path)
     assert main(["bake", "--method", "linear"]) == 0
-    assert (tmp_path / "made/wood/stack.json").is_file()
+    assert (tmp_path / "made/wood/wood/stack.json").is_file()
     capsys.readouterr()
     assert "mipbake.toml exists" in fails(capsys, 4, "init", tmp_path)
     assert "cannot write" in fails(capsys, 4, "init", tmp_path / "mipbake.toml")

@@ -47,7 +47,7 @@ def test_cmake_bakes_sets_and_libraries(tmp_path: Path, capsys: pytest.CaptureFi
     build = tmp_path / "build"
     run("cmake", "-S", ".", "-B", "build", "-G", "Ninja", f"-Dmipbake_DIR={place}", folder=tmp_path)
     run("cmake", "--build", "build", folder=tmp_path)
-    assert (build / "one/iron/stack.json").is_file() and (build / "every/wood/stack.json").is_file()
+    assert (build / "one/iron/stack.json").is_file() and (build / "every/wood/wood/stack.json").is_file()
     assert (build / "two/my_oak.v2/stack.json").is_file()
     assert "no work to do" in run("cmake", "--build", "build", folder=tmp_path)
     (tmp_path / "textures/metals/iron/normal.png").touch()
@@ -61,7 +61,7 @@ def test_cmake_bakes_sets_and_libraries(tmp_path: Path, capsys: pytest.CaptureFi
     write_set(tmp_path / "textures" / "gold")
     told = run("cmake", "--build", "build", folder=tmp_path)
     assert "Baking the library library" in told and "Baking iron" not in told
-    assert (build / "every/gold/stack.json").is_file()
+    assert (build / "every/gold/gold/stack.json").is_file()
 
 
 @pytest.mark.long

@@ -85,7 +85,7 @@ def show_watch(folder: Path) -> None:
         time.sleep(2)  # the watch begins after it
         edit(folder)
         saved = time.monotonic()
-        result = folder / "watched" / "leather" / "stack.json"
+        result = folder / "watched" / "leather" / "leather" / "stack.json"
         before = result.stat().st_mtime_ns
         wait(lambda: result.stat().st_mtime_ns != before, "the bake of an edit")
         print(f"  {time.monotonic() - saved:.2f} s after the edit was saved, its result was there")

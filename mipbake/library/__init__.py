@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from mipbake.library.finding import Shard
-from mipbake.library.listing import Entry, Home, Library, entries_below, entries_of
+from mipbake.library.listing import Entry, Library, Shard, entries_below, found_library
 from mipbake.library.project import COMMAND_LINE, TEMPLATE, Chosen, Project, read_project, settings_of
 from mipbake.library.results import BatchListener, EntryResult, Summary
 from mipbake.library.run import BatchOptions, bake_library, watch_library
@@ -16,14 +15,13 @@ __all__ = [
     "Chosen",
     "Entry",
     "EntryResult",
-    "Home",
     "Library",
     "Project",
     "Shard",
     "Summary",
     "bake_library",
     "entries_below",
-    "entries_of",
+    "found_library",
     "read_project",
     "settings_of",
     "watch_library",

@@ -1,7 +1,7 @@
 """The tasks of a batch on the machines of a Ray cluster.
 
-Machines that see the same files read and write them themselves. Where one does not, sources are sent to it and results
-are sent back. A machine or a process that dies keeps nothing from being baked: what it was about is begun elsewhere.
+All machines read and write the same files under the same paths; no file goes through Ray. A machine or a process that
+dies keeps nothing from being baked: what it was about is begun elsewhere.
 """
 
 from __future__ import annotations
@@ -13,27 +13,25 @@ import signal
 import socket
 import tempfile
 import threading
-import time
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from mipbake import _native
 from mipbake.baking.results import NotBaked
 from mipbake.base import memory
 from mipbake.base.allocator import keep_freed_memory
-from mipbake.base.errors import MipbakeError, OutputError, UsageError
+from mipbake.base.errors import InputError, MipbakeError, OutputError, UsageError
 from mipbake.base.extras import extra
 from mipbake.base.leftovers import begun, tidy
 from mipbake.base.publish import reason
 from mipbake.base.version import __version__
-from mipbake.library.parcels import Delivery, Parcel, absolute, as_named, baked_from, packed, unpacked
-from mipbake.library.results import WorkerError
-from mipbake.library.state import FOLDER, FileState, states
-from mipbake.library.task import Done, Task, unforeseen, work
+from mipbake.library.results import EntryResult, WorkerError
+from mipbake.library.state import FOLDER, absolute, states
+from mipbake.library.task import Task, unforeseen, work
 from mipbake.library.workers import end_at_once
 
 THREADS = 4
@@ -62,21 +60,17 @@ class Order:
     Args:
         version: of mipbake here. share: CPUs that it may use. memory: bytes that it is held to; None for its part of
             what mipbake takes of a machine.
-        work: a task for who sees the same files, or a parcel.
-        mark: a file beside the results, which only those see. files: of the source, as they are seen here.
+        folder: the working directory here, which paths of the task may be relative to.
+        mark: a file beside the results. files: of the source, with their sizes. Both are as they are seen here.
     """
 
     version: str
     share: int
     memory: int | None
-    work: Task | Parcel
+    task: Task
+    folder: Path
     mark: Path
     files: tuple[tuple[str, int], ...] = ()
-
-
-Answer = Done | list[Delivery] | Literal["apart", "unlike"]
-"""What came of an order. "apart": the machine does not see where results belong. "unlike": it does, but it does not see
-the same files of the source."""
 
 
 class Cluster:
@@ -86,22 +80,21 @@ class Cluster:
         self._jobs = jobs
         self._limit = limit
         self._mark = mark
-        self._apart = False
 
     def processes(self, count: int) -> int:
         """How many processes there are for so many tasks, as the cluster is now."""
         sizes = _sizes()
         return max(1, min(self._jobs or count, count, _fitting(sizes, self._threads(sizes, count))))
 
-    def done(self, tasks: Iterable[Task]) -> Iterator[tuple[Task, Done]]:
-        """Tasks with what was done, in the order in which they end.
+    def done(self, tasks: Iterable[Task]) -> Iterator[EntryResult]:
+        """What became of tasks, in the order in which they end.
 
         Raises:
             UsageError: no machine has as much memory as each process is to hold to.
         """
         ray = _ray()
-        waiting = deque((task, False) for task in tasks)
-        running: dict[Any, tuple[Task, Sent]] = {}  # without the bytes of parcels, which Ray holds
+        waiting = deque(tasks)
+        running: dict[Any, Task] = {}
         threads = self._threads(_sizes(), len(waiting))
         wanted: dict[str, Any] = {"num_cpus": threads, "max_retries": _TRIES, "scheduling_strategy": "SPREAD"}
         if self._limit is not None:
@@ -111,42 +104,18 @@ class Cluster:
         while waiting or running:
             most = self._jobs or _AHEAD * max(1, _fitting(_sizes(), threads))
             while waiting and len(running) < most:
-                task, unlike = waiting.popleft()
-                sent = self._sent(task, unlike)
-                if isinstance(sent, Done):
-                    yield task, sent
-                else:
-                    order = Order(__version__, threads, self._limit, sent.work, self._mark, sent.seen)
-                    running[follow.remote(order)] = task, replace(sent, work=task)
-                    del order, sent
+                task = waiting.popleft()
+                order = Order(__version__, threads, self._limit, task, Path.cwd(), self._mark, _seen(task))
+                running[follow.remote(order)] = task
             # Ray looks for no signals while it waits.
-            ended = ray.wait(list(running), num_returns=1, timeout=_LOOK)[0] if running else []
-            for handle in ended:
-                task, sent = running.pop(handle)
-                answer = _answer(handle)
-                if isinstance(answer, str):
-                    self._apart = self._apart or answer == "apart"
-                    waiting.appendleft((task, True))
-                elif isinstance(answer, Done):
-                    yield task, as_named(answer, task)
-                elif isinstance(answer, MipbakeError):
-                    yield task, Done((NotBaked(task.entry.source, answer),), None, time.monotonic() - sent.begun)
-                else:
-                    yield task, unpacked(task, answer, sent.files, sent.begun)
+            for handle in ray.wait(list(running), num_returns=1, timeout=_LOOK)[0]:
+                yield _answer(handle, running.pop(handle))
 
     def _threads(self, sizes: Sequence[int], count: int) -> int:
         """CPUs of a process for so many tasks: the most with which as many processes fit as there shall be."""
         jobs = self._jobs or sum(max(1, size // THREADS) for size in sizes)
         jobs = max(1, min(jobs, count, sum(sizes)))
         return next(threads for threads in range(max(sizes), 0, -1) if _fitting(sizes, threads) >= jobs)
-
-    def _sent(self, task: Task, unlike: bool) -> Sent | Done:
-        begun = time.monotonic()
-        if not self._apart and not unlike:
-            seen = tuple((file.path, file.size) for file in states(task.entry))
-            return Sent(absolute(task), begun, seen)
-        parcel, files = packed(task)
-        return parcel if isinstance(parcel, Done) else Sent(parcel, begun, files=tuple(files))
 
 
 def _fitting(sizes: Sequence[int], threads: int) -> int:
@@ -161,21 +130,6 @@ def _check_memory(limit: int) -> None:
             f"each process is to hold to {memory.told(limit)}, and the largest machine of the cluster gives "
             f"{memory.told(most)}: give less with --memory, or leave it out"
         )
-
-
-@dataclass(frozen=True)
-class Sent:
-    """What was given to the cluster.
-
-    Args:
-        work: see `Order`. begun: when, by time.monotonic. seen: see `files` of `Order`.
-        files: that decide the task of a parcel.
-    """
-
-    work: Task | Parcel
-    begun: float
-    seen: tuple[tuple[str, int], ...] = ()
-    files: tuple[FileState, ...] = ()
 
 
 def _ray() -> Any:
@@ -222,7 +176,7 @@ def cluster(address: str, jobs: int | None, limit: int | None, out: Path) -> Ite
                 "HOST:PORT, or `auto` on a machine of the cluster"
             ) from error
     try:
-        with _marked(Path(os.path.abspath(out)) / FOLDER / "shared") as mark:  # noqa: PTH100  links stay
+        with _marked(Path(absolute(out)) / FOLDER / "shared") as mark:
             yield Cluster(jobs, limit, mark)
     finally:
         if own:
@@ -258,20 +212,23 @@ def _marked(place: Path) -> Iterator[Path]:
         yield path
 
 
-def _answer(handle: Any) -> Answer | MipbakeError:
+def _answer(handle: Any, task: Task) -> EntryResult:
     """What came of an order, or why nothing did."""
     ray = _ray()
+    failure: MipbakeError
     try:
-        answer: Answer = ray.get(handle)
+        result: EntryResult = ray.get(handle)
+        return result
     except ray.exceptions.RayTaskError as error:
         if isinstance(error.cause, MipbakeError):
-            return error.cause
-        if not isinstance(error.cause, (ImportError, AttributeError, ray.exceptions.RayError)):
-            return unforeseen(error.cause)
-        return _unfinished(error.cause)
+            failure = error.cause
+        elif not isinstance(error.cause, (ImportError, AttributeError, ray.exceptions.RayError)):
+            failure = unforeseen(error.cause)
+        else:
+            failure = _unfinished(error.cause)
     except ray.exceptions.RayError as error:
-        return _unfinished(error)
-    return answer
+        failure = _unfinished(error)
+    return EntryResult(task.entry, (NotBaked(task.entry.source, failure),))
 
 
 def _unfinished(error: Exception) -> WorkerError:
@@ -283,11 +240,11 @@ def _unfinished(error: Exception) -> WorkerError:
     )
 
 
-def followed(order: Order) -> Answer:
+def followed(order: Order) -> EntryResult:
     """Follows an order, in a process of the cluster.
 
     Raises:
-        UsageError: another version of mipbake is installed there.
+        UsageError: another version of mipbake is installed there. InputError: the machine does not see the same files.
     """
     if __version__ != order.version:
         raise UsageError(
@@ -308,18 +265,28 @@ def followed(order: Order) -> Answer:
     with begun(place, Path.mkdir) as scratch, memory.limited(limit):
         tempfile.tempdir = str(scratch)
         try:
-            if isinstance(order.work, Parcel):
-                return baked_from(order.work)
-            if not order.mark.exists():
-                return "apart"
-            return work(order.work) if _sees(order, order.work) else "unlike"
+            _check_files(order)
+            return work(order.task)
         finally:
             tempfile.tempdir = before
 
 
-def _sees(order: Order, task: Task) -> bool:
-    """Whether this machine sees the files of a task."""
-    return order.files == tuple((file.path, file.size) for file in states(task.entry))
+def _check_files(order: Order) -> None:
+    """InputError where this machine does not see the files of an order as the one that gave it."""
+    with suppress(OSError):  # then paths are told apart by what lies there
+        os.chdir(order.folder)
+    source = order.task.entry.source
+    lost = order.mark.parent.parent if not order.mark.exists() else source if _seen(order.task) != order.files else None
+    if lost is not None:
+        raise InputError(
+            f"{platform.node()} does not see {lost} as the machine does that has begun the batch: give all machines "
+            "of the cluster the sources and the folder of all results under the same paths, or bake with --shard"
+        )
+
+
+def _seen(task: Task) -> tuple[tuple[str, int], ...]:
+    """The files of a source, with their sizes, as this machine sees them."""
+    return tuple((file.path, file.size) for file in states(task.entry))
 
 
 def _own_size() -> int:

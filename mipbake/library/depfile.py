@@ -10,7 +10,7 @@ from mipbake.base import disk
 from mipbake.base.publish import check_file, replaced_file
 from mipbake.library.listing import Entry
 from mipbake.library.results import Summary, declares
-from mipbake.library.state import Known
+from mipbake.library.state import Record
 from mipbake.source.tiles import is_pattern
 
 _MOST = 1 << 30
@@ -45,7 +45,7 @@ def write_depfile(
         OutputError: it cannot be written, or is a file that is no depfile.
     """
     check_depfile(path)
-    known = [(each.entry, each.known) for each in summary.entries if each.known is not None]
+    known = [(each.entry, each.record) for each in summary.entries if each.record is not None]
     results = [out / file.path for _, each in known for file in each.results if declares(Path(file.path))]
     names = [made] if made is not None else [os.fspath(file) for file in results]
     sources = dict.fromkeys(source for entry, each in known for source in _sources(entry, each, out, roots))
@@ -69,9 +69,9 @@ def _is_depfile(path: Path) -> bool:
     return about.endswith(b":") and rules == [b"%b:" % each for each in sources if _PATTERN.encode() not in each]
 
 
-def _sources(entry: Entry, known: Known, out: Path, roots: Sequence[Path]) -> list[str]:
+def _sources(entry: Entry, record: Record, out: Path, roots: Sequence[Path]) -> list[str]:
     folder = entry.source.parent
-    files = [os.path.normpath(folder / file.path) for file in known.files]
+    files = [os.path.normpath(folder / file.path) for file in record.files]
     folders = [entry.source] if entry.source.is_dir() else [folder] if is_pattern(entry.source) else []
     for root in roots:
         around = (each for each in entry.source.parents if each == root or disk.lies_in(each, root))

@@ -1,47 +1,83 @@
 """What a library holds: every texture set, document and archive below a folder, and where the result of each lies.
 
-Results keep the tree of the library. The texture set of `metals/steel`, of `metals/steel.zip` or of `metals/steel.glb`
-becomes `metals/steel` or `metals/steel.glb` below the folder of all results. A source that holds several sets gets a
-folder of its name. Each of several sets in a folder is an entry. Nothing is read to say where results lie, so a source
-that is broken takes no place from others.
+Results keep the tree of the library. The result of a set lies in OUT/PATH/SET, and the GLB of a document in OUT/PATH.
+PATH is that of the source, relative to the library, and with its suffix. A source that is named itself is its own
+library: the result lies in OUT/SET. So no place depends on what else the library holds.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+import os
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
+from typing import TypeAlias
 
 from mipbake.base import disk
-from mipbake.base.errors import InputError
+from mipbake.base.errors import InputError, UsageError
 from mipbake.base.json_text import parsed
-from mipbake.base.safe_names import safe_name, unique_name
-from mipbake.library.parts import Part
+from mipbake.base.safe_names import safe_name
 from mipbake.source.archives import GLTF, MATERIALX, SUFFIX
+from mipbake.source.gltf.document import read_document
+from mipbake.source.gltf.images import image_files
 from mipbake.source.images.read import IMAGE_SUFFIXES
-from mipbake.source.inputs import kind
+from mipbake.source.inputs import expand, kind
+from mipbake.source.intake import files_of_set, jobs
+from mipbake.source.jobs import Failure, Job
 from mipbake.source.layout import SCHEMA, manifests
-from mipbake.source.matches import is_map, is_textures
+from mipbake.source.matches import is_map, is_textures, name_of
+from mipbake.source.mtlx.materials import read_materialx
 from mipbake.source.names import interpretations
+from mipbake.source.options import LoadOptions
+
+PathLike: TypeAlias = "str | os.PathLike[str]"
 
 
 @dataclass(frozen=True)
-class Home:
-    """Where the results of a source lie, relative to the folder of all results.
+class Group:
+    """What is baked at once of a set: all of it, or tiles that touch.
 
     Args:
-        folder: for a source with one result that is called `name`. name: folder in it, for all other results.
-        own: whether the results lie in `folder/name` whatever they are called, because something else has the name.
+        files: tile number to files, relative to the folder; 0 for sets that are not tiles.
+        notes, warnings: what was found, in sentences.
     """
 
-    folder: PurePath
-    name: str
-    own: bool = False
+    files: Mapping[int, tuple[PurePath, ...]]
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
-    def place(self, names: Iterable[str]) -> PurePath:
-        """The folder that results of these names are written into."""
-        alone = {name.casefold() for name in names} == {self.name.casefold()}
-        return self.folder if alone and not self.own else self.folder / self.name
+
+@dataclass(frozen=True)
+class Part:
+    """One of several sets in a folder.
+
+    Args:
+        name: of the set, which no other set in the folder has.
+    """
+
+    name: str
+    groups: tuple[Group, ...]
+
+    @property
+    def files(self) -> list[PurePath]:
+        """All its files, relative to the folder."""
+        return [file for group in self.groups for several in group.files.values() for file in several]
+
+    def jobs(self, folder: Path, load: LoadOptions) -> list[Job | Failure]:
+        """What is to be baked of it. The options may be others than those that told the sets apart."""
+        try:
+            return [self._job(group, folder, load) for group in self.groups]
+        except (InputError, UsageError) as error:
+            return [Failure(folder, error)]
+
+    def _job(self, group: Group, folder: Path, load: LoadOptions) -> Job:
+        own = replace(load, name=load.name or self.name)
+        read = {
+            tile: files_of_set(tuple(folder / name for name in names), own, self.name, tile)
+            for tile, names in group.files.items()
+        }
+        return Job(folder, read, group.notes, group.warnings)
 
 
 @dataclass(frozen=True)
@@ -50,21 +86,23 @@ class Entry:
 
     Args:
         source: a path that `mipbake.load_all` takes. label: what the entry is called, unique in its library.
-        home: where its results lie.
+        place: the folder that its sets have their folders in, relative to the folder of all results.
+        name: of its set, as far as names of files say it; "" where a source must be read for it.
         part: which of the several sets in a folder it is; None for all that the source holds.
+        rival: the source whose result lies where the result of this entry would; None where there is none.
     """
 
     source: Path
     label: str
-    home: Home
+    place: PurePath
+    name: str = ""
     part: Part | None = None
+    rival: Path | None = None
 
-    def parted(self, parts: Sequence[Part]) -> list[Entry]:
-        """An entry for each set in its folder, whose results lie in one folder, as they do where the folder is baked as
-        a whole; itself where there are none."""
-        around = "" if self.label == "." else f"{self.label}/"
-        place = self.home.folder / self.home.name
-        return [Entry(self.source, f"{around}{part.name}", Home(place, part.name), part) for part in parts] or [self]
+    @property
+    def result(self) -> PurePath:
+        """The folder that all its results lie in, relative to the folder of all results, as far as it is known."""
+        return self.place / self.name
 
 
 @dataclass(frozen=True)
@@ -80,10 +118,135 @@ class Library:
     notes: tuple[str, ...] = ()
 
 
-def entries_of(sources: Sequence[Path]) -> Library:
-    """Sources that were named one by one. Their results lie side by side."""
-    named = [Entry(path, str(path), Home(PurePath(), _name(path))) for path in sources]
-    return Library(tuple(_apart(named, set())))
+@dataclass(frozen=True)
+class Shard:
+    """One part of a library, which is baked apart from the others, as on another machine.
+
+    Args:
+        number: from 1. count: how many parts there are.
+
+    Raises:
+        UsageError: there is no such part.
+    """
+
+    number: int
+    count: int
+
+    def __post_init__(self) -> None:
+        """Checks that there is such a part."""
+        if not 1 <= self.number <= self.count:
+            raise UsageError(f"the shard is {self}: expected I/N with I from 1 to N")
+
+    @classmethod
+    def parsed(cls, text: str) -> Shard:
+        """The shard that a user writes as I/N."""
+        found = re.fullmatch(r"(\d+)/(\d+)", text.strip())
+        if found is None:
+            raise UsageError(f"the shard is {text!r}: expected I/N, for example 1/16 and on to 16/16")
+        return cls(int(found[1]), int(found[2]))
+
+    def of(self, entries: Sequence[Entry]) -> tuple[Entry, ...]:
+        """Its entries: every N-th one, because neighbours often take as long as each other."""
+        return tuple(entries[self.number - 1 :: self.count])
+
+    def __str__(self) -> str:
+        return f"{self.number}/{self.count}"
+
+
+def found_library(
+    sources: PathLike | Sequence[PathLike],
+    out: Path,
+    load: Callable[[str], LoadOptions],
+    recursive: bool = True,
+    within: Sequence[Path] = (),
+    shard: Shard | None = None,
+) -> Library:
+    """What can be baked.
+
+    Args:
+        sources: what `mipbake.load_all` takes. out: the folder of all results.
+        load: label of a folder to how it is read, which tells the sets in it apart.
+        recursive: whether everything below the sources is meant; else the sources themselves.
+        within: paths, one of which an entry must be or lie in; empty for all entries.
+        shard: the part of these entries that is meant, which may be empty; None for all of them.
+
+    Raises:
+        InputError: a source or a path is not there, or nothing can be baked. UsageError: as `load` raises it.
+    """
+    given = [sources] if isinstance(sources, (str, os.PathLike)) else sources
+    paths = expand([os.fspath(each) for each in given])
+    if recursive:
+        library = entries_below(paths, out, _document_files)
+    else:
+        library = Library(tuple(Entry(path, str(path), PurePath()) for path in paths))
+    for place in within:
+        if not any(disk.lies_in(entry.source, place) for entry in library.entries):
+            raise InputError(f"{place} holds nothing of the library: expected a source in it, or a folder around some")
+    kept = [
+        entry
+        for entry in apart(each for entry in library.entries for each in _sets_of(entry, load(entry.label)))
+        if not within or any(disk.lies_in(entry.source, place) for place in within)
+    ]
+    return replace(library, entries=tuple(kept) if shard is None else shard.of(kept))
+
+
+def _sets_of(entry: Entry, load: LoadOptions) -> list[Entry]:
+    """The same entry with the name of its set, or an entry for each set in its folder."""
+    source = entry.source
+    around = "" if entry.label == "." else f"{entry.label}/"
+    if parts := parts_of(source, load):
+        return [replace(entry, label=f"{around}{part.name}", name=part.name, part=part) for part in parts]
+    if source.suffix.lower() in GLTF:
+        return [replace(entry, name=safe_name(source.stem, "document"))]
+    return [replace(entry, name=load.name or name_of(source))] if disk.is_dir(source) else [entry]
+
+
+def apart(entries: Iterable[Entry]) -> Iterator[Entry]:
+    """The same entries, with labels that are unique, and with rivals: no result is or holds the result of another."""
+    labels: set[str] = set()
+    results: dict[PurePath, Path] = {}
+    around: dict[PurePath, Path] = {}
+    for entry in entries:
+        label, count = entry.label, 2
+        while label in labels:  # a folder in the folder has the name of a set in it
+            label, count = f"{entry.label}_{count}", count + 1
+        labels.add(label)
+        path, rival = entry.result, None
+        if path.parts:
+            rival = next((results[p] for p in (path, *path.parents) if p in results), around.get(path))
+        if path.parts and rival is None:
+            results[path] = entry.source
+            around.update(dict.fromkeys(path.parents, entry.source))
+        yield replace(entry, label=label, rival=rival)
+
+
+def parts_of(folder: Path, load: LoadOptions) -> list[Part]:
+    """The sets in a folder, as names tell them; none where it holds a single set, or something is wrong with it, which
+    its own turn will say.
+
+    Args:
+        load: how it is read; patterns in its maps tell sets apart, too.
+    """
+    if not disk.is_dir(folder):
+        return []
+    groups: dict[str, list[Group]] = {}
+    for job in jobs([str(folder)], load, folder):  # a folder of maps takes no room for temporary files
+        if isinstance(job, Failure):
+            return []
+        files = {tile: part.files for tile, part in job.parts.items()}
+        listed = {t: tuple(f.relative_to(folder) for f in each) for t, each in files.items() if isinstance(each, tuple)}
+        if listed.keys() != files.keys():
+            return []
+        name = next(iter(job.parts.values())).name
+        groups.setdefault(name, []).append(Group(listed, job.notes, job.warnings))
+    return [Part(name, tuple(several)) for name, several in groups.items()] if len(groups) > 1 else []
+
+
+def _document_files(document: Path) -> list[Path]:
+    """The images that a document shows; InputError where it cannot be read."""
+    if document.suffix.lower() == MATERIALX:
+        return [file for material in read_materialx(document).materials for file in material.files]
+    return image_files(read_document(document), Path(disk.resolved(document).anchor))
 
 
 def entries_below(roots: Sequence[Path], out: Path, files_of: Callable[[Path], Iterable[Path]]) -> Library:
@@ -102,63 +265,23 @@ def entries_below(roots: Sequence[Path], out: Path, files_of: Callable[[Path], I
     named: set[Path] = set()
     notes: list[str] = []
     for root in roots:
-        if kind(root) not in ("folder", "udim") or not disk.is_dir(root):
-            sources: Iterable[tuple[Path, Path]] = [(root, root.parent)]
-        else:
-            sources = ((path, root) for path in _Walk(disk.resolved(out), files_of, notes).sources(root))
-        for path, top in sources:
+        walked = kind(root) in ("folder", "udim") and disk.is_dir(root)
+        for path in _Walk(disk.resolved(out), files_of, notes).sources(root) if walked else [root]:
             if (real := disk.resolved(path)) not in named:  # one root may lie in another
                 named.add(real)
-                found.append((path, top))
+                found.append((path, root))
     if not found:
         where = ", ".join(map(str, roots))
         hint = f"; {notes[0]}" if notes else ""
         if any(disk.resolved(root) == disk.resolved(out) for root in roots):
             hint = "; it is the folder of all results, which is passed over, so choose another one"
         raise InputError(f"nothing below {where} can be baked: expected folders of maps, documents or archives{hint}")
-    several = len(roots) > 1
     entries = []
     for path, root in found:
-        within = path.relative_to(root) if path != root else PurePath(disk.resolved(root).name)
-        label = str(path) if several else "." if path == root and root.is_dir() else within.as_posix()
-        parents = PurePath(*(safe_name(part, "folder") for part in within.parts[:-1]))
-        entries.append(Entry(path, label, Home(parents, _name(path))))
-    around = {folder for entry in entries for folder in (entry.home.folder, *entry.home.folder.parents)}
-    return Library(tuple(_apart(entries, around)), tuple(notes))
-
-
-def _name(path: Path) -> str:
-    """What the result of a source is called if it has one: its name without the suffix of documents and archives."""
-    known = path.suffix.lower() in (SUFFIX, MATERIALX, *GLTF)
-    named = disk.resolved(path).name or "texture_set"
-    return safe_name(Path(named).stem if known else named, "texture_set")
-
-
-def _apart(entries: Sequence[Entry], around: set[PurePath]) -> Iterator[Entry]:
-    """The same entries, no two of one place. A folder keeps its name; documents and archives beside it take theirs
-    with the suffix. A set whose folder also holds others gets a folder of its own in it.
-
-    Args:
-        around: folders that hold the results of other entries, so that no result may be one of them.
-    """
-    taken: set[str] = set()
-    held = {str(folder).casefold() for folder in around}
-    rank = [not entry.source.suffix or disk.is_dir(entry.source) for entry in entries]
-    homes: dict[int, Home] = {}
-    for index in sorted(range(len(entries)), key=lambda at: (not rank[at], at)):
-        entry = entries[index]
-        home = entry.home
-        place = str(home.folder / home.name).casefold()
-        if place in held:
-            home = Home(home.folder / home.name, home.name)
-            place = str(home.folder / home.name).casefold()
-        if place in taken or place in held:
-            beside = {Path(other).name for other in (*taken, *held) if Path(other).parent == Path(place).parent}
-            home = Home(home.folder, unique_name(entry.source.name, "texture_set", beside), own=True)
-            place = str(home.folder / home.name).casefold()
-        taken.add(place)
-        homes[index] = home
-    return (replace(entry, home=homes[index]) for index, entry in enumerate(entries))
+        place = PurePath(path.relative_to(root))
+        label = path.name if path == root and not root.is_dir() else place.as_posix()
+        entries.append(Entry(path, str(path) if len(roots) > 1 else label, place))
+    return Library(tuple(entries), tuple(notes))
 
 
 class _Walk:

@@ -9,7 +9,7 @@ from pathlib import Path, PurePath
 from mipbake.baking.results import BakedDocument, BakedSet, NotBaked, Planned, Result, Unchanged
 from mipbake.base.errors import MipbakeError
 from mipbake.library.listing import Entry
-from mipbake.library.state import Known
+from mipbake.library.state import Record
 from mipbake.source.layout import is_manifest
 from mipbake.stack.output import GLB
 
@@ -29,14 +29,14 @@ class EntryResult:
         results: of its sets and documents; of those that a list says have not changed, what is wrong with their files.
         unchanged: how many results that list knows, where nothing has changed.
         seconds: that it took.
-        known: the files that it was made from and lies in; None where it failed, or was not to be baked.
+        record: the files that it was made from and lies in; None where it failed, or was not to be baked.
     """
 
     entry: Entry
     results: tuple[Result, ...] = ()
     unchanged: int = 0
     seconds: float = 0.0
-    known: Known | None = None
+    record: Record | None = None
 
     @property
     def failures(self) -> list[NotBaked]:

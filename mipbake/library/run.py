@@ -12,44 +12,35 @@ from typing import Protocol, TypeAlias
 
 from mipbake.baking.options import BakeOptions
 from mipbake.baking.recipe import Ingredients
-from mipbake.baking.results import BakedDocument, BakedSet, NotBaked
+from mipbake.baking.results import BakedDocument, BakedSet, NotBaked, Planned
 from mipbake.baking.sets import Which
 from mipbake.base import memory
-from mipbake.base.errors import InputError, MipbakeError, UsageError
+from mipbake.base.errors import InputError, MipbakeError, OutputError, UsageError
 from mipbake.base.extras import check_extra
 from mipbake.base.leftovers import tidy
 from mipbake.base.threads import threads
 from mipbake.base.version import __version__
-from mipbake.library.finding import PathLike, Shard, found_library
-from mipbake.library.listing import Entry, Library
-from mipbake.library.moving import (
-    folders_around,
-    forsaken,
-    in_the_way,
-    may_replace,
-    planned,
-    remains,
-    with_stacks,
-    withdraw,
-)
+from mipbake.library.listing import Entry, Library, PathLike, Shard, found_library
 from mipbake.library.project import Chosen
 from mipbake.library.results import BatchListener, EntryResult, Progress, Summary, WorkerError, declares
 from mipbake.library.state import (
-    Known,
+    Record,
     States,
-    key_of,
-    opened,
     places_of,
+    recipe_of,
+    remains,
     results_are_same,
     sources_are_same,
     state_of,
     states,
 )
-from mipbake.library.task import Done, Task
+from mipbake.library.task import Task
 from mipbake.library.watching import Seen, changes, touched, watched
 from mipbake.library.workers import Share, workers
 from mipbake.source.inputs import expand
+from mipbake.source.layout import is_manifest
 from mipbake.source.options import LoadOptions
+from mipbake.stack.manifest import check_output
 
 Choose: TypeAlias = Callable[[str], Chosen]
 """Label of an entry to how it is read and baked."""
@@ -138,15 +129,14 @@ def bake_library(
     how = batch or BatchOptions()
     choose = _chooser(options, load, choose)
     library = found_library(sources, Path(out), _reader(choose), how.recursive, how.within, how.shard)
-    with opened(Path(out), _list_name(how), not how.dry_run) as states:
-        run = Batch(Path(out), choose, how, states, listener)
-        plan = run.plan(library)
-        if not plan.tasks:
-            run.tell(library, plan, 0)
-            return run.ended(plan, {})
-        with _pool(how, Path(out), len(plan.tasks)) as pool:
-            run.tell(library, plan, pool.processes(len(plan.tasks)))
-            return run.bake(plan, pool)
+    run = Batch(Path(out), choose, how, States(Path(out), not how.dry_run), listener)
+    plan = run.plan(library)
+    if not plan.tasks:
+        run.tell(library, plan, 0)
+        return plan.summary({})
+    with _pool(how, Path(out), len(plan.tasks)) as pool:
+        run.tell(library, plan, pool.processes(len(plan.tasks)))
+        return run.bake(plan, pool)
 
 
 def watch_library(
@@ -183,22 +173,17 @@ def watch_library(
     library = find()
     given = [sources] if isinstance(sources, (str, os.PathLike)) else sources
     folders = watched(expand([os.fspath(each) for each in given]))
-    with opened(place, _list_name(how)) as states, _pool(how, place) as pool:
-        run = Batch(place, choose, how, states, listener)
+    with _pool(how, place) as pool:
+        run = Batch(place, choose, how, States(place), listener)
         plan = run.plan(library)
         run.tell(library, plan, pool.processes(len(plan.tasks)))
         yield run.bake(plan, pool)
-        run, seen = replace(run, how=replace(how, force=False)), Seen(states)  # once is enough
+        run, seen = replace(run, how=replace(how, force=False)), Seen(run.states)  # once is enough
         for paths in changes(folders, place):
             library, part = touched(library, paths, seen, find)
             plan = run.plan(part)
             if plan.tasks:
                 yield run.bake(plan, pool)
-
-
-def _list_name(how: BatchOptions) -> str:
-    """The list of a shard is its own: shards are baked at the same time, on machines that share a disk."""
-    return "batch" if how.shard is None else f"batch-{how.shard.number}-of-{how.shard.count}"
 
 
 class Pool(Protocol):
@@ -207,8 +192,8 @@ class Pool(Protocol):
     def processes(self, count: int) -> int:
         """How many processes there are for so many tasks."""
 
-    def done(self, tasks: Iterable[Task]) -> Iterator[tuple[Task, Done]]:
-        """Tasks with what was done, in the order in which they end."""
+    def done(self, tasks: Iterable[Task]) -> Iterator[EntryResult]:
+        """What became of tasks, in the order in which they end."""
 
 
 @contextmanager
@@ -247,15 +232,11 @@ class Plan:
 
     Args:
         entries: of the library. left: what is said of those that are left. tasks: for the others.
-        keys: label to the key of what is asked for.
-        moved: folders with stacks, relative to the folder of all results, which several results share by now.
     """
 
     entries: Sequence[Entry]
     left: Mapping[str, EntryResult]
     tasks: Sequence[Task]
-    keys: Mapping[str, str]
-    moved: frozenset[PurePath] = frozenset()
 
     def summary(self, done: Mapping[str, EntryResult]) -> Summary:
         """What the library came to."""
@@ -276,77 +257,78 @@ class Batch:
     def plan(self, library: Library) -> Plan:
         """What is to be done, as far as sizes and times of files tell. UsageError for options that cannot be."""
         ingredients: dict[BakeOptions, Ingredients] = {}
-        left: dict[str, EntryResult] = {}
-        tasks: list[Task] = []
-        keys: dict[str, str] = {}
+        planned: dict[str, EntryResult | Task] = {}
         self._tidy(library)
-        places = self.states.places(entry.source for entry in library.entries)
-        stacks = with_stacks({each for entry in library.entries for each in folders_around(entry.home)}, self.out)
-        foreign = {folder for folder in stacks if folder.as_posix() not in (places or ())}
         for entry in library.entries:
-            for folder in sorted(foreign & folders_around(entry.home))[:1]:
-                failure = NotBaked(entry.source, in_the_way(folder, self.out, entry.home))
-                left[entry.label] = EntryResult(entry, (failure,))
-            if entry.label in left:
-                continue
             chosen = self.choose(entry.label)
             if chosen.options not in ingredients:
                 ingredients[chosen.options] = Ingredients.of(chosen.options.asked())
-            keys[entry.label] = key = _key(ingredients[chosen.options], chosen.load, entry)
-            known = self.states.known(entry.label, entry.source, key)
-            same = known is not None and not self.how.force and sources_are_same(known, entry)
-            if known is not None and same and results_are_same(known, self.out):
-                left[entry.label] = self._left(entry, known, key)
-                continue
-            last = self.states.last(entry.label) if self.how.dry_run else None
-            if last is not None and (same or remains(last, self.out)):
-                left[entry.label] = EntryResult(entry, (planned(entry, last, self.out),))
-                continue
-            which = "all" if same else self.how.which  # a result that somebody changed is no result
-            own = places is not None and may_replace(entry.home, self.out, places)
-            options = (chosen.options, chosen.load, which, own, places is None, self.how.touch)
-            tasks.append(Task(entry, self.out, *options))
-        return Plan(library.entries, left, tasks, keys, frozenset(stacks - foreign))
+            own = ingredients[chosen.options]
+            recipe = recipe_of(__version__, own.options, own.weights, asdict(chosen.load), str(entry.place))
+            planned[entry.label] = self._planned(entry, chosen, recipe)
+        left = {label: each for label, each in planned.items() if isinstance(each, EntryResult)}
+        return Plan(library.entries, left, [each for each in planned.values() if isinstance(each, Task)])
+
+    def _planned(self, entry: Entry, chosen: Chosen, recipe: str) -> EntryResult | Task:
+        """What is said of an entry that is left, or the task to bake it."""
+        if entry.rival is not None:
+            return EntryResult(entry, (NotBaked(entry.source, _in_the_way(entry, self.out)),))
+        record = self.states.records.get(entry.label)
+        mine = record if record is not None and record.is_of(entry) else None
+        same = mine is not None and mine.recipe == recipe and not self.how.force and sources_are_same(mine, entry)
+        if mine is not None and same and results_are_same(mine, self.out):
+            return self._left(mine, entry)
+        if self.how.dry_run and record is not None and (same or remains(record, self.out)):
+            return EntryResult(entry, (_planned_again(entry, record, self.out),))
+        which = "all" if same else self.how.which  # a result that somebody changed is no result
+        known = record is not None and (mine is not None or not os.path.lexists(record.source))
+        # Nothing else has the folder of a path below the library, so what lies there is of the same source.
+        by_name = record is None and bool(entry.place.parts)
+        return Task(entry, self.out, chosen.options, chosen.load, recipe, which, known, by_name, self.how.touch)
 
     def _tidy(self, library: Library) -> None:
         """Removes what killed processes left beside results, and gives results that they moved aside their names back:
         no bake looks at the places of those that have not changed."""
-        lasts = (self.states.last(entry.label) for entry in (() if self.how.dry_run else library.entries))
-        tidy(*(place for known in lasts if known is not None for place in places_of(known, self.out)))
+        labels = () if self.how.dry_run else (entry.label for entry in library.entries)
+        records = (self.states.records[label] for label in labels if label in self.states.records)
+        tidy(*(place for record in records for place in places_of(record, self.out)))
 
-    def _left(self, entry: Entry, known: Known, key: str) -> EntryResult:
+    def _left(self, record: Record, entry: Entry) -> EntryResult:
         """What is said of an entry that has not changed; its result gets a new time where a build system needs it."""
-        if self.how.touch and known.results:
+        if self.how.touch and record.results:
             with suppress(OSError):  # somebody removes something just now: the next time will see it
-                known = self._touched(entry, known, key)
-        faults = tuple(NotBaked(entry.source, _ERRORS[code](message)) for message, code in known.faults)
-        return EntryResult(entry, faults, known.count, known=known)
+                record = self._touched(record, entry.source)
+        faults = tuple(NotBaked(entry.source, _ERRORS[code](message)) for message, code in record.faults)
+        return EntryResult(entry, faults, record.count, record=record)
 
-    def _touched(self, entry: Entry, known: Known, key: str) -> Known:
-        folders = [entry.source.parent, *([entry.source] if entry.source.is_dir() else [])]
-        files = [self.out / file.path for file in known.results if declares(PurePath(file.path))]
-        latest = max(*(path.stat().st_mtime_ns for path in folders), *(file.modified for file in known.files))
+    def _touched(self, record: Record, source: Path) -> Record:
+        folders = [source.parent, *([source] if source.is_dir() else [])]
+        files = [self.out / file.path for file in record.results if declares(PurePath(file.path))]
+        latest = max(*(path.stat().st_mtime_ns for path in folders), *(file.modified for file in record.files))
         if all(file.stat().st_mtime_ns > latest for file in files):
-            return known
+            return record
         for file in files:
             os.utime(file)
-        results = tuple(state_of(self.out / file.path, self.out, ours=True) for file in known.results)
-        known = replace(known, results=results)
-        self.states.remember(entry.label, entry.source, key, known)
-        return known
+        results = tuple(state_of(self.out / file.path, self.out, ours=True) for file in record.results)
+        record = replace(record, results=results)
+        self.states.remember(record)
+        return record
 
     def tell(self, library: Library, plan: Plan, jobs: int) -> None:
         """Tells the listener of what is going to be baked in so many processes, and of what is left."""
-        self.listener.found(library.entries, (*library.notes, *self._forsaken(library)), jobs)
+        self.listener.found(library.entries, (*library.notes, *self._without_source(library)), jobs)
         for each in plan.left.values():
             self.listener.left(each)
 
-    def _forsaken(self, library: Library) -> list[str]:
+    def _without_source(self, library: Library) -> list[str]:
         """A sentence on results whose sources are gone. A part of a library says nothing of the others."""
         if self.how.within or self.how.shard is not None:
             return []
-        gone = self.states.without_source({entry.label for entry in library.entries})
-        found = forsaken(gone, (entry.home for entry in library.entries), self.out)
+        labels = {entry.label for entry in library.entries}
+        gone = (each for label, each in sorted(self.states.records.items()) if label not in labels)
+        files = [self.out / file.path for each in gone if each.is_without_source() for file in each.results]
+        declaring = [file for file in files if declares(file) and file.exists()]
+        found = list(dict.fromkeys(file.parent if is_manifest(file.name) else file for file in declaring))
         if not found:
             return []
         what = f"{len(found)} results, such as {found[0]}, have" if len(found) > 1 else f"the result {found[0]} has"
@@ -357,35 +339,39 @@ class Batch:
         done: dict[str, EntryResult] = {}
         self._clear(plan.tasks)
         clock = _Clock(plan.tasks)
-        for task, result in pool.done(plan.tasks):
-            entry = task.entry
-            if result.known is not None:
-                self.states.remember(entry.label, entry.source, plan.keys[entry.label], result.known)
-            done[entry.label] = EntryResult(entry, result.results, seconds=result.seconds, known=result.known)
-            left = clock.left_after(done[entry.label])
-            self.listener.done(done[entry.label], Progress(len(plan.left) + len(done), len(plan.entries), left))
-        return self.ended(plan, done)
+        for result in pool.done(plan.tasks):
+            if result.record is not None:
+                self.states.remember(result.record)
+            done[result.entry.label] = result
+            progress = Progress(len(plan.left) + len(done), len(plan.entries), clock.left_after(result))
+            self.listener.done(result, progress)
+        return plan.summary(done)
 
     def _clear(self, tasks: Iterable[Task]) -> None:
         """Removes what is left of results that are baked anew because their `stack.json` is gone."""
-        for known in () if self.how.dry_run else filter(None, (self.states.last(t.entry.label) for t in tasks)):
-            for file in remains(known, self.out):
+        for task in () if self.how.dry_run else tasks:
+            record = self.states.records.get(task.entry.label)
+            for file in remains(record, self.out) if record is not None else ():
                 with suppress(OSError):  # the bake will say so
                     file.unlink()
 
-    def ended(self, plan: Plan, done: Mapping[str, EntryResult]) -> Summary:
-        """What a plan came to. A stack that has moved leaves its former place as soon as a result lies in there."""
-        summary = plan.summary(done)
-        for each in () if self.how.dry_run else summary.entries:
-            for folder in set() if each.failures else plan.moved & folders_around(each.entry.home):
-                with suppress(OSError):  # the next call finds it again
-                    withdraw(self.out / folder)
-        return summary
+
+def _in_the_way(entry: Entry, out: Path) -> OutputError:
+    return OutputError(
+        f"cannot write to {out / entry.result}: the result of {entry.rival} lies there as well, or in it, or around "
+        "it; rename one of the two, or bake it into another folder"
+    )
 
 
-def _key(ingredients: Ingredients, load: LoadOptions, entry: Entry) -> str:
-    """Equal where an entry is asked for in the same way."""
-    return key_of(__version__, ingredients.options, ingredients.weights, asdict(load), str(entry.home))
+def _planned_again(entry: Entry, record: Record, out: Path) -> Planned | NotBaked:
+    """What a dry run says of an entry whose result somebody changed or removed in part."""
+    place = out / entry.result
+    try:
+        if entry.name and not remains(record, out):  # which a bake would remove
+            check_output(place)
+    except OutputError as error:
+        return NotBaked(entry.source, error)
+    return Planned(entry.source, place, "its result changed")
 
 
 _ENTRY = 300_000

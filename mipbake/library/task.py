@@ -16,8 +16,8 @@ from mipbake.base import disk, json_text, memory
 from mipbake.base.errors import InputError, MipbakeError, UsageError
 from mipbake.base.publish import temporary_folder
 from mipbake.library.listing import Entry
-from mipbake.library.results import WorkerError, declares, result_files
-from mipbake.library.state import FileState, Known, state_of, states
+from mipbake.library.results import EntryResult, WorkerError, declares, result_files
+from mipbake.library.state import FileState, Record, absolute, state_of, states
 from mipbake.source.archives import GLTF, MATERIALX
 from mipbake.source.found import sources_of
 from mipbake.source.gltf.document import Document
@@ -36,76 +36,48 @@ class Task:
     Args:
         entry: the source, and where its results lie.
         out: folder of all results.
-        options, load: how it is baked and read.
+        options, load: how it is baked and read. recipe: see `Record`.
         which, known, by_name: see `mipbake.baking.sets.Run`.
         touch: whether a result that has not changed gets a new time, so that a build system sees that it was looked at.
-        keeps: whether searches are kept beside their results, so that the next batch goes on where this one ended.
     """
 
     entry: Entry
     out: Path
     options: BakeOptions
     load: LoadOptions
+    recipe: str
     which: Which
     known: bool
     by_name: bool = False
     touch: bool = False
-    keeps: bool = True
 
 
-@dataclass(frozen=True)
-class Done:
-    """What a process did.
-
-    Args:
-        results: of the sets and documents of the source.
-        known: what files it read and wrote, as they were before they were read; None where something failed.
-        seconds: that it took.
-    """
-
-    results: tuple[Result, ...]
-    known: Known | None
-    seconds: float
-
-
-def work(task: Task) -> Done:
+def work(task: Task) -> EntryResult:
     """Does a task. Errors are among the results."""
     begun = time.monotonic()
-    return done(task, *tried(task), begun)
-
-
-def tried(task: Task) -> tuple[list[Result], Sequence[FileState]]:
-    """What became of a source, errors among it, and the files that decide it, as they were before they were read; none
-    where that is not known."""
+    results: list[Result]
+    files: Sequence[FileState] = ()  # that decide it, as they were before they were read
     try:
-        return _baked(task)
+        results, files = _baked(task)
     except MipbakeError as error:
-        return [NotBaked(task.entry.source, error)], ()
+        results = [NotBaked(task.entry.source, error)]
     except Exception as error:
-        return [NotBaked(task.entry.source, unforeseen(error))], ()
-
-
-def done(task: Task, results: Sequence[Result], files: Sequence[FileState], begun: float) -> Done:
-    """What was done, when the results lie where they belong.
-
-    Args:
-        results, files: see `tried`. begun: when, by time.monotonic.
-    """
+        results = [NotBaked(task.entry.source, unforeseen(error))]
     if task.touch:
         for file in result_files([each for each in results if isinstance(each, Unchanged)]):
             if declares(file):
                 os.utime(file)
-    known = None
+    record = None
     failures = [each for each in results if isinstance(each, NotBaked)]
-    defective = [each for each in results if isinstance(each, BakedSet) and each.defects]
     # Another try would say the same of the same files; not of a full disk, nor where it is not known which files count.
     of_files = all(isinstance(each.error, (InputError, UsageError)) for each in failures)
     if task.which != "none" and of_files and files and not (failures and task.entry.source.suffix == MATERIALX):
         written = tuple(state_of(file, task.out, ours=True) for file in result_files(results))
         faults = [(each.error.full, each.error.exit_code) for each in failures]
-        faults += [("; ".join(each.defects), DEFECT) for each in defective]
-        known = Known(tuple(files), written, len(results) - len(faults), tuple(faults))
-    return Done(tuple(results), known, time.monotonic() - begun)
+        faults += [("; ".join(each.defects), DEFECT) for each in results if isinstance(each, BakedSet) and each.defects]
+        about = (task.entry.label, absolute(task.entry.source), task.recipe)
+        record = Record(*about, tuple(files), written, len(results) - len(faults), tuple(faults))
+    return EntryResult(task.entry, tuple(results), seconds=time.monotonic() - begun, record=record)
 
 
 def _baked(task: Task) -> tuple[list[Result], Sequence[FileState]]:
@@ -118,10 +90,9 @@ def _baked(task: Task) -> tuple[list[Result], Sequence[FileState]]:
         others = [path for path in _files(source, found) if not disk.lies_in(path, scratch)]
         # What lay there before it was read counts, should it change meanwhile.
         files = tuple({file.path: file for file in (*states(task.entry, others), *before)}.values())
-        tops = [job.place or next(iter(job.parts.values())).name for job in found if isinstance(job, Job)]
-        run = Run(task.options.asked(), Listener(), task.which, task.known, task.by_name, task.keeps)
+        run = Run(task.options.asked(), Listener(), task.which, task.known, task.by_name, keeps=True)
         run.asked.check_encoder(found)
-        return bake_jobs(run, found, task.out / task.entry.home.place(tops)), files
+        return bake_jobs(run, found, task.out / task.entry.place), files
 
 
 def _files(source: Path, found: Sequence[Job | Failure]) -> Iterator[Path]:

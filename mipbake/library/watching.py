@@ -99,8 +99,8 @@ class Seen:
 
     def files(self, entry: Entry) -> set[str]:
         """Real paths of the files that an entry was baked from the last time."""
-        known = self._states.last(entry.label)
-        told = () if known is None else known.files
+        record = self._states.records.get(entry.label)
+        told = () if record is None else record.files
         before = self._files.get(entry.label)
         if before is None or before[0] != told:
             before = told, {os.path.realpath(entry.source.parent / file.path) for file in told}

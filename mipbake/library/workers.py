@@ -22,8 +22,8 @@ from mipbake.base import memory
 from mipbake.base.allocator import keep_freed_memory
 from mipbake.base.leftovers import remove, unfinished
 from mipbake.base.publish import temporary_folder
-from mipbake.library.results import WorkerError
-from mipbake.library.task import Done, Task, work
+from mipbake.library.results import EntryResult, WorkerError
+from mipbake.library.task import Task, work
 
 TERMINATED = 143  # what shells make of SIGTERM
 
@@ -71,10 +71,10 @@ class Workers:
         """How many processes there are for so many tasks."""
         return min(self._jobs, count)
 
-    def done(self, tasks: Iterable[Task]) -> Iterator[tuple[Task, Done]]:
-        """Tasks with what was done, in the order in which they end. One whose process dies keeps no other from it."""
+    def done(self, tasks: Iterable[Task]) -> Iterator[EntryResult]:
+        """What became of tasks, in the order in which they end. One whose process dies keeps no other from it."""
         waiting, suspects = deque(tasks), deque[Task]()
-        running: dict[Future[Done], Task] = {}
+        running: dict[Future[EntryResult], Task] = {}
         starts = 0
         while waiting or suspects or running:
             alone = bool(suspects)
@@ -89,7 +89,7 @@ class Workers:
                 running.clear()
                 starts += 1
                 if starts == _STARTS:
-                    yield from ((task, _failed(task, f" ({refused})")) for task in (*suspects, *waiting))
+                    yield from (_failed(task, f" ({refused})") for task in (*suspects, *waiting))
                     return
                 continue
             starts = 0
@@ -97,18 +97,19 @@ class Workers:
             for future in ended:
                 error = future.exception()
                 if error is None:
-                    yield running.pop(future), future.result()
+                    del running[future]
+                    yield future.result()
                 elif not isinstance(error, BrokenProcessPool):
-                    yield (task := running.pop(future)), _failed(task, f" ({error})")
+                    yield _failed(running.pop(future), f" ({error})")
             if any(future in running for future in ended):
                 self._stop()
                 if alone:
-                    yield from ((task, _failed(task, ", and so did a second one")) for task in running.values())
+                    yield from (_failed(task, ", and so did a second one") for task in running.values())
                 else:
                     suspects.extend(running.values())
                 running.clear()
 
-    def _submitted(self, task: Task) -> Future[Done]:
+    def _submitted(self, task: Task) -> Future[EntryResult]:
         """A task for a process, which may begin now. Signals wait until it does what `_begin` says."""
         pool = self._started()  # before the signals wait: its queues begin a process, and that lets signals through
         if sys.platform == "win32":
@@ -179,9 +180,9 @@ def _end_with(lifeline: Connection) -> None:
         end_at_once()
 
 
-def _failed(task: Task, why: str) -> Done:
+def _failed(task: Task, why: str) -> EntryResult:
     error = WorkerError(
         f"the process that baked it ended before its work{why}: where memory ran out, bake fewer at a time (--jobs), "
         "or hold them to less (--memory)"
     )
-    return Done((NotBaked(task.entry.source, error),), None, 0.0)
+    return EntryResult(task.entry, (NotBaked(task.entry.source, error),))
