@@ -5,8 +5,8 @@
 
 MATERIALS is a folder of texture sets. The middle of some of them is baked by `auto` with several aims, by the network
 and by closed forms. Beside them stand two limits of one lobe a texel: `optimum`, which counts single lights alone, and
-the same descent where what is seen counts alone. All are measured by renders that no method sees. The section is made
-where the record `results-whole` is there, too.
+the same descent where what people see counts alone. All are measured by renders that no method sees. The section is
+made where the record `results-whole` is there, too.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ from mipbake.baking.search.methods import Auto, Optimum
 from mipbake.comparing.candidates import closed_forms, label
 from mipbake.quality.judging.probes import ProbeEffort
 from mipbake.quality.judging.scores import DECIBEL, Scores
-from mipbake.quality.judging.weights import SEEN, TERMS, Weight, Weights
+from mipbake.quality.judging.terms import PICTURES, TERMS, Weight
+from mipbake.quality.judging.weights import Weights
 from mipbake.quality.metrics.pairs import PAIR_SETS
 from mipbake.quality.reference.problem import Problem
 
@@ -36,8 +37,8 @@ SETS, SIDE = 9, 64
 
 AIMS = (0.0, 0.25, 0.5, 0.75, 1.0)
 LIMIT = "optimum of what is seen"
-SEEN_ALONE = Weights({name: Weight(float(name in SEEN), 0.0) for name in TERMS}, group_behind=0.0)
-"""Weights of which nothing counts but what is seen."""
+PICTURES_ALONE = Weights({name: Weight(float(name in PICTURES), 0.0) for name in TERMS}, group_behind=0.0)
+"""Weights of which nothing counts but what people see."""
 
 EFFORT = ProbeEffort(groups=32, samples=16, pictures=96, picture_samples=32)
 SEED = 987  # of renders that measure
@@ -52,21 +53,20 @@ def methods() -> Iterator[tuple[str, Prefilter, str]]:
     for aim in AIMS:
         yield f"auto, aim {aim:g}", Auto(aim=aim), FILTER
     yield "optimum", Optimum(), FILTER
-    yield LIMIT, Optimum(judged_by=SEEN_ALONE), FILTER
+    yield LIMIT, Optimum(judged_by=PICTURES_ALONE), FILTER
 
 
 def measured(problem: Problem) -> dict[str, dict[str, float]]:
     """Method to its figures, in the mean over levels of detail: SNR by pair set in dB, and visible error by kind of
     picture, its geometric mean."""
     scores = Scores(problem, EFFORT, SEED)
-    terms = {name: TERMS.index(name) for name in (*PAIR_SETS, *SEEN)}
     found = {}
     for name, method, kernel in methods():
         args = problem.stored, problem.source, problem.target, kernel, problem.wrap
         stack = method(*args, lambda _: None).levels
-        logs = np.mean([each.terms for each in scores.of_stack(stack)], 0)
-        snr = {pairs: float(-DECIBEL * logs[terms[pairs]]) for pairs in PAIR_SETS}
-        found[name] = {**snr, **{kind: float(np.exp(logs[terms[kind]] / 2)) for kind in SEEN}}
+        logs = dict(zip(TERMS, np.mean([each.terms for each in scores.of_stack(stack)], 0), strict=True))
+        snr = {pairs: float(-DECIBEL * logs[pairs]) for pairs in PAIR_SETS}
+        found[name] = {**snr, **{kind: float(np.exp(logs[kind] / 2)) for kind in PICTURES}}
     return found
 
 

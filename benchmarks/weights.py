@@ -22,7 +22,8 @@ from mipbake.baking.search.methods import Auto
 from mipbake.material.aim import DEFAULT_AIM
 from mipbake.quality.judging.probes import ProbeEffort
 from mipbake.quality.judging.scores import DECIBEL, Scores
-from mipbake.quality.judging.weights import TERMS, Weight, Weights, weights_for
+from mipbake.quality.judging.terms import TERMS
+from mipbake.quality.judging.weights import Weights, weights_for
 from mipbake.quality.reference.problem import Problem
 
 SETS, SIDE = 6, 256
@@ -39,10 +40,10 @@ def changed() -> Iterator[tuple[str, Weights]]:
     yield "as they are", WEIGHTS
     for name, weight in WEIGHTS.terms.items():
         for word, factor in (("half", 0.5), ("twice", 2.0)):
-            scaled = Weight(factor * weight.counts, factor * weight.behind)
+            scaled = replace(weight, counts=factor * weight.counts, behind=factor * weight.behind)
             yield f"{name}: {word}", replace(WEIGHTS, terms={**WEIGHTS.terms, name: scaled})
     for word, factor in (("half", 0.5), ("twice", 2.0)):
-        behind = {name: Weight(each.counts, factor * each.behind) for name, each in WEIGHTS.terms.items()}
+        behind = {name: replace(each, behind=factor * each.behind) for name, each in WEIGHTS.terms.items()}
         yield f"behind, all terms: {word}", replace(WEIGHTS, terms=behind)
         yield f"behind, groups: {word}", replace(WEIGHTS, group_behind=factor * WEIGHTS.group_behind)
     for chance in (0.0, 1.0):

@@ -13,13 +13,13 @@ from typing import Any
 import pytest
 
 from mipbake.quality.judging.probes import ProbeEffort
-from mipbake.quality.judging.weights import SEEN
+from mipbake.quality.judging.terms import PICTURES
 from mipbake.quality.metrics import PAIR_SETS
 
 from .test_results import bumpy
 
 ROOT = Path(__file__).resolve().parent.parent
-NAMES = (*PAIR_SETS, *SEEN)
+NAMES = (*PAIR_SETS, *PICTURES)
 
 
 @pytest.fixture
@@ -44,7 +44,7 @@ def test_parts_of_some_sets_are_measured(module: Any, monkeypatch: pytest.Monkey
     for methods in found["sets"].values():
         assert set(methods) == {"linear (box)", "lean (gaussian)"}
         assert all(tuple(figures) == NAMES for figures in methods.values())
-        assert all(figures[kind] > 0 for figures in methods.values() for kind in SEEN)
+        assert all(figures[kind] > 0 for figures in methods.values() for kind in PICTURES)
         assert methods["linear (box)"] != methods["lean (gaussian)"]
 
 
@@ -60,7 +60,7 @@ def test_the_section_says_what_the_record_holds(module: Any, tmp_path: Path) -> 
     assert page.section(tmp_path) == []
 
     def figures(snr: float, seen: float) -> dict[str, float]:
-        return {**dict.fromkeys(PAIR_SETS, snr), **dict.fromkeys(SEEN, seen)}
+        return {**dict.fromkeys(PAIR_SETS, snr), **dict.fromkeys(PICTURES, seen)}
 
     seen = {"linear (box)": 0.8, "lean (box)": 0.4, "neural": 0.4 / math.sqrt(2), "auto, aim 0": 0.4,
             "auto, aim 1": 0.2, "optimum": 0.3, page.LIMIT: 0.1}  # fmt: skip

@@ -22,21 +22,21 @@ from threadpoolctl import threadpool_info, threadpool_limits
 from mipbake import MipStack, TextureSet, bake, material, open_stack, sampling, shading
 from mipbake.baking.methods import METHODS, method_named
 from mipbake.baking.prefilter import PrefilterResult
-from mipbake.baking.search.blending import best, blend, gathered
+from mipbake.baking.search.blending import best, blend, confirmed, gathered
 from mipbake.baking.search.descent_effort import DescentEffort
 from mipbake.baking.search.ingredients import closed_forms
 from mipbake.baking.search.level_fit import SeenAt, columns, fit_level
 from mipbake.baking.search.methods import Auto, Refine
 from mipbake.baking.search.regions import timed_regions
-from mipbake.baking.search.settling import settle
 from mipbake.baking.search.sitting import Sitting
 from mipbake.base.errors import UsageError
 from mipbake.material.filtered_source import FilteredSource
 from mipbake.models import list_weights
-from mipbake.quality.judging.judge import Asked, Judge
+from mipbake.quality.judging.judge import Baseline, Judge
 from mipbake.quality.judging.probes import ProbeEffort
 from mipbake.quality.judging.scores import Score, Scores
-from mipbake.quality.judging.weights import SEEN, Weight, Weights, weights_for
+from mipbake.quality.judging.terms import PICTURES, Weight
+from mipbake.quality.judging.weights import Weights, weights_for
 from mipbake.quality.metrics import PAIR_SETS, pair_set, snr_db
 from mipbake.quality.reference.estimate import reference
 from mipbake.quality.reference.problem import Problem
@@ -53,14 +53,15 @@ from .quick_methods import quick_methods
 
 WRAP = ("wrap", "wrap")
 WEIGHTS = weights_for(0.5)
-SEEN_ALONE = Weights({name: Weight(float(name in SEEN), 0.0) for name in WEIGHTS.terms}, group_behind=0.0)
+SEEN_ALONE = Weights({name: Weight(float(name in PICTURES), 0.0) for name in WEIGHTS.terms}, group_behind=0.0)
 """Weights of which nothing counts but what is seen."""
 
 PAIRS_ALONE = replace(
     WEIGHTS,
     looks_worse=math.inf,
     terms={
-        name: Weight(float(name not in SEEN), each.behind * (name not in SEEN)) for name, each in WEIGHTS.terms.items()
+        name: replace(each, counts=float(name not in PICTURES), behind=each.behind * (name not in PICTURES))
+        for name, each in WEIGHTS.terms.items()
     },
 )
 """Weights that look at single lights, and at nothing that is seen: SNR is not paid for looks then."""
@@ -189,7 +190,7 @@ def test_blends_that_went_wrong_are_not_kept(two: np.ndarray) -> None:
     made = blend(found, [np.full(count, 0.9, np.float32) * (-1) ** np.arange(count)] * 6)
     safe = made.check.of_stack(best(found).levels)
     for index, (score, other) in enumerate(zip(made.check.of_stack(made.levels), safe, strict=True)):
-        rivals = made.judge.asked[index].log_errors
+        rivals = np.stack([made.judge.baselines[index].values[name] for name in PAIR_SETS])
         behind = [(score.log_errors - each).mean(1) for each in (rivals, other.log_errors)]
         assert np.minimum(*behind).max() < 0.56, index  # of all levels: mean 0.14, standard deviation 0.10
 
@@ -204,14 +205,14 @@ def test_a_gain_in_the_mean_is_no_excuse_for_a_group_that_loses() -> None:
 
         def of(self, share: float, _index: int) -> Score:
             rows = np.tile([-3.0, self.lost], (sets, 8)) * share
-            return Score(rows, np.zeros((2 * sets, 4)), np.zeros((len(SEEN), 4)))
+            return Score(rows, np.zeros((2 * sets, 4)), np.zeros((len(PICTURES), 4)))
 
     check = Check()
     nothing = np.zeros((sets, 16))
     for plain, check.lost, kept in ((nothing, 1.0, 0.0), (nothing, -1.0, 1.0), (None, 1.0, 1.0)):
-        asked = Asked(np.zeros((sets, 16)), np.zeros((2 * sets, 4)), np.zeros((len(SEEN), 4)), plain)
-        judge = Judge([asked], WEIGHTS)
-        found = settle(judge, check, lambda _i, _l, share: np.float32(share), 1)  # type: ignore[arg-type]
+        nothing_there = Score(np.zeros((sets, 16)), np.zeros((2 * sets, 4)), np.zeros((len(PICTURES), 4)))
+        judge = Judge([Baseline.of(nothing_there, plain)], WEIGHTS)
+        found = confirmed(judge, check, lambda _i, _l, share: np.float32(share), 1)  # type: ignore[arg-type]
         assert found == [kept]
 
 
@@ -231,15 +232,15 @@ def test_the_fit_finds_the_blend_that_the_renders_show(two: np.ndarray, weights:
     radiance = probe.shown.pictures.radiance("gltf", texels[count:].reshape(-1, PIXELS, texels.shape[-1]))
     right = probe.shown.error(radiance).off + probe.shown.right
     shown = replace(probe.shown, right=right, noise=0 * probe.shown.noise)
-    asked = Asked.of(scores.of(base, 0))
+    start = scores.of(base, 0)
     scores.probes = [replace(probe, mean=shaded, noise=0 * probe.noise, shown=shown)]
-    found = fit_level([SeenAt(0, 1.0, None, base, made)], scores, Judge([asked], weights))
+    found = fit_level([SeenAt(0, 1.0, None, base, made)], scores, Judge([Baseline.of(start)], weights))
     if weights is SEEN_ALONE:
         # What is as good as right has one value: shares that hardly show may end anywhere then.
         fitted = base + np.tensordot(found, made, 1)
         score = scores.of(material.regularise(fitted, "gltf").astype(np.float32), 0)
-        left, before = (np.exp(each.seen.mean(-1)) for each in (score, asked))
-        exact = np.exp(scores.of(texels, 0).seen.mean(-1))  # what nobody sees is added to all of them
+        left, before = (np.exp(each.visible.mean(-1)) for each in (score, start))
+        exact = np.exp(scores.of(texels, 0).visible.mean(-1))  # what nobody sees is added to all of them
         assert (left - exact < 0.1 * (before - exact)).all() and (before > 1.1 * exact).all()
         assert found[2] == pytest.approx(true[2], abs=8e-3)  # off by 3e-3: errors that nobody sees hardly count
         return
@@ -285,7 +286,7 @@ def test_ingredients_that_would_take_too_long_are_left_out(two: np.ndarray) -> N
     late = [replace(c, part=lambda _: time.sleep(1)) if c.name.split()[0] in slow else c for c in ingredients]
     # A part is a quarter of the set, which would then take over 4 seconds.
     made = blend(gathered(task, late, TINY, WEIGHTS, deadline=time.monotonic() + 4))
-    names = set(itertools.chain(*made.sources)) | {rival.name for row in made.witnessed for rival in row}
+    names = set(itertools.chain(*made.sources)) | {name for each in made.rivals for name in each.names}
     assert names and not any(name.split()[0] in slow for name in names)
 
 
@@ -350,7 +351,7 @@ def test_refining_gains_on_pairs_it_never_saw_and_says_so(two: np.ndarray) -> No
     room = Scores(Problem(two, "gltf", "gltf", "gaussian", WRAP), SMALL, 9, [0.0, 1.0, 2.0])
     for level in range(3):
         before, after = (
-            room.errors(room.looked_up(levels[level], level), level).seen.means
+            room.errors(room.looked_up(levels[level], level), level).visible.means
             for levels in (blended.levels, result.levels)
         )
         assert (after < 1.3 * before).all(), level  # the most of three levels: mean 1.08, standard deviation 0.05

@@ -76,7 +76,7 @@ def test_a_search_goes_on_in_the_next_batch(library: Path, inline: Inline, monke
         with pytest.raises(CutOffError):
             bake_library(library, out, REFINE)
     kept = out / "metals/steel/.steel.search"
-    assert (kept / "about.json").is_file() and not (out / "metals/steel/steel").exists()
+    assert (kept / "start.npz").is_file() and not (out / "metals/steel/steel").exists()
     told: list[str] = []
     sittings(monkeypatch, told=told)
     assert counts(bake_library(library, out, REFINE)) == (1, 0, 0)

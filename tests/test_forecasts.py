@@ -56,7 +56,7 @@ def descended(monkeypatch: pytest.MonkeyPatch, seconds: float, before: float = 0
         until = clock.now + max(0.0, seconds - clock.now) * share if math.isfinite(seconds) else math.inf
         rounds = 0
         if until - clock.now > FEWEST * made.round_seconds(index):
-            made.begun(index, 0, until)
+            made.begun(index, until)
             clock.now += one
             while rounds < REFINING.rounds and clock.now + one / 2 <= until:
                 rounds, clock.now = rounds + 1, clock.now + one

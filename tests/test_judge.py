@@ -7,16 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mipbake.quality.judging.judge import GROUPS, Asked, Judge
+from mipbake.quality.judging.judge import Baseline, Judge
 from mipbake.quality.judging.probes import ProbeEffort
 from mipbake.quality.judging.scores import Errors, Score, Scores
-from mipbake.quality.judging.weights import SEEN, TERMS, Weight, Weights, weights_for
+from mipbake.quality.judging.terms import PICTURES, TERMS, Weight
+from mipbake.quality.judging.weights import Weights, weights_for
 from mipbake.quality.metrics.pairs import PAIR_SETS
 from mipbake.quality.reference.problem import Problem
 
-SETS, GROUP_COUNT, POOLED, PICTURES = len(PAIR_SETS), 12, 5, 4
+SETS, GROUP_COUNT, POOLED, SHOWN = len(PAIR_SETS), 12, 5, 4
 WEIGHTS = weights_for(0.5)
-KEPT = [name for name in TERMS if name not in SEEN]
+KEPT = [name for name in TERMS if name not in PICTURES]
 """The terms of single lights."""
 
 
@@ -25,19 +26,18 @@ def score_of(seed: int, shift: float = 0.0) -> Score:
     return Score(
         rng.normal(-3 + shift, 0.3, (SETS, GROUP_COUNT)),
         rng.normal(-2 + shift, 0.3, (2 * SETS, POOLED)),
-        np.array([[-4.0], [-5.0]]) + np.linspace(-0.01, 0.01, PICTURES) + shift,
+        np.array([[-4.0], [-5.0]]) + np.linspace(-0.01, 0.01, SHOWN) + shift,
     )
 
 
 def judge_of(score: Score, plain: bool = True, weights: Weights = WEIGHTS) -> Judge:
-    asked = Asked(score.log_errors, score.pooled, score.seen, score.log_errors if plain else None)
-    return Judge([asked], weights)
+    return Judge([Baseline.of(score, score.log_errors if plain else None)], weights)
 
 
 def test_every_term_has_a_weight_and_no_other_name_is_taken() -> None:
     with pytest.raises(AssertionError, match="expected the names near-mirror"):
         Weights({"near-mirror": Weight(1, 1)}, 0.0)
-    assert tuple(WEIGHTS.terms) == TERMS
+    assert tuple(WEIGHTS.terms) == tuple(TERMS)
     with pytest.raises(AttributeError):
         WEIGHTS.tie = 1.0  # type: ignore[misc]
 
@@ -50,33 +50,33 @@ def test_the_aim_moves_what_counts_from_single_lights_to_what_is_seen() -> None:
         assert (np.diff(counts) < 0).all() and counts[0] == 1 and counts[-1] > 0
         # What is behind counts in full up to the middle; from there on it gives way, and never wholly.
         assert (behind[aims <= 0.5] == behind[0]).all() and (np.diff(behind[aims >= 0.5]) < 0).all() and behind[-1] > 0
-    for name in SEEN:
+    for name in PICTURES:
         counts, behind = np.array([(each.terms[name].counts, each.terms[name].behind) for each in every]).T
         assert (np.diff(counts) > 0).all() and counts[0] > 0
         assert (np.diff(behind) > 0).all() and behind[0] == 0
     assert (np.diff([each.group_behind for each in every]) < 0).all() and every[-1].group_behind == 0
-    assert (np.diff([each.tie for each in every]) > 0).all()
+    assert (np.diff([each.terms[KEPT[0]].tie for each in every]) > 0).all()
 
 
 def test_whether_looks_pay_for_single_lights_hangs_on_the_aim() -> None:
     """Seen better by half a neper, and as much worse under single lights: no gain while these may not be behind."""
-    asked = score_of(0)
-    looks = replace(score_of(0, 0.5), seen=asked.seen - 0.5)
+    start = score_of(0)
+    looks = replace(score_of(0, 0.5), visible=start.visible - 0.5)
     gains = []
     for aim in (0.0, 0.5, 1.0):
-        judge = judge_of(asked, weights=weights_for(aim))
-        gains.append(judge.value(asked, 0) - judge.value(looks, 0))
+        judge = judge_of(start, weights=weights_for(aim))
+        gains.append(judge.value(start, 0) - judge.value(looks, 0))
     assert gains[0] < 0 and gains[1] < 0 < gains[2]
 
 
-def test_what_each_term_adds_is_what_a_stack_is_worth() -> None:
-    judge, score = judge_of(score_of(0)), score_of(1, 0.2)
-    terms = judge.terms(score, 0)
-    assert tuple(terms) == (*TERMS, GROUPS)
-    assert sum(each.value for each in terms.values()) == pytest.approx(judge.value(score, 0), rel=1e-12)
-    for index, name in enumerate(SEEN):
-        assert terms[name].log == pytest.approx(score.seen[index].mean())
-        assert terms[name].behind == pytest.approx(0.2 - WEIGHTS.seen_tie)
+def test_every_row_of_a_score_is_read_by_a_term_and_by_one_alone() -> None:
+    score = score_of(0)
+    rows = [(name, row) for name in ("log_errors", "pooled", "visible") for row in range(len(getattr(score, name)))]
+    assert [(term.array, term.row) for term in TERMS.values()] == rows
+    means = [getattr(score, name)[row].mean() for name, row in rows]
+    np.testing.assert_array_equal(score.terms, means)
+    behind = judge_of(score).behind(score_of(0, 0.2), 0)
+    assert behind == pytest.approx([0.2 - each.tie for each in WEIGHTS.terms.values()])
 
 
 def test_what_is_worse_everywhere_is_worth_less() -> None:
@@ -88,19 +88,19 @@ def test_what_is_worse_everywhere_is_worth_less() -> None:
 
 
 def test_a_gain_elsewhere_does_not_pay_for_what_falls_behind() -> None:
-    asked = score_of(0)
-    shifted = asked.log_errors + np.array([[0.4], [-0.4]])
-    assert judge_of(asked).value(replace(asked, log_errors=shifted), 0) > judge_of(asked).value(asked, 0)
+    start = score_of(0)
+    shifted = start.log_errors + np.array([[0.4], [-0.4]])
+    assert judge_of(start).value(replace(start, log_errors=shifted), 0) > judge_of(start).value(start, 0)
 
 
 def test_chance_is_no_reason_to_be_behind() -> None:
     """Half a standard error of the difference is allowed, and not of the rows, which go together."""
-    asked = score_of(0)
+    start = score_of(0)
     rng = np.random.default_rng(2)
     scattered = rng.permutation(np.linspace(-1, 1, GROUP_COUNT)) + 0.1
-    by_chance = replace(asked, log_errors=asked.log_errors + scattered)
-    steadily = replace(asked, log_errors=asked.log_errors + 0.1)
-    judge = judge_of(asked, plain=False, weights=weights_for(0.0))
+    by_chance = replace(start, log_errors=start.log_errors + scattered)
+    steadily = replace(start, log_errors=start.log_errors + 0.1)
+    judge = judge_of(start, plain=False, weights=weights_for(0.0))
     assert judge.behind(by_chance, 0)[0] < 0 < judge.behind(steadily, 0)[0]
 
 
@@ -114,14 +114,14 @@ def test_slopes_are_derivatives_of_the_value() -> None:
             ahead[row, group] += step
             back[row, group] -= step
             found = [judge.value(replace(score, log_errors=each), 0) for each in (ahead, back)]
-            expected = slopes.terms[row] / GROUP_COUNT + slopes.groups[row, group]
+            expected = slopes.log_errors[row] / GROUP_COUNT + slopes.groups[row, group]
             # Chance, taken to be where the score is, changes the value by at most its share of a group.
             assert (found[0] - found[1]) / (2 * step) == pytest.approx(
                 expected, abs=WEIGHTS.chance * WEIGHTS.behind[row] / GROUP_COUNT
             )
-    for kind, slope in enumerate(slopes.terms[-len(SEEN) :]):
-        along = step * np.eye(len(SEEN))[kind][:, None]
-        ahead, back = (judge.value(replace(score, seen=score.seen + turn * along), 0) for turn in (1, -1))
+    for kind, slope in enumerate(slopes.visible):
+        along = step * np.eye(len(PICTURES))[kind][:, None]
+        ahead, back = (judge.value(replace(score, visible=score.visible + turn * along), 0) for turn in (1, -1))
         assert (ahead - back) / (2 * step) == pytest.approx(slope, rel=1e-6)
 
 
@@ -136,7 +136,7 @@ def test_slopes_by_energies_are_derivatives_of_the_score() -> None:
     by_log, by_pooled = rng.normal(size=errors.score.log_errors.shape), rng.normal(size=2 * SETS)
 
     def hangs_on(squares: np.ndarray) -> float:
-        score = Errors(errors.probe, squares, errors.seen).score
+        score = Errors(errors.probe, squares, errors.visible).score
         return float((by_log * score.log_errors).sum() + by_pooled @ score.pooled.mean(1))
 
     along = errors.squares * rng.normal(size=errors.squares.shape)
@@ -157,9 +157,9 @@ def test_no_error_of_a_group_makes_a_stack_better_by_growing() -> None:
     wide = stored[::2, ::2].copy()
     wide[..., 4] = 0.3
     errors = scores.errors(scores.looked_up(wide, 0), 0)
-    judge = Judge([Asked.of(errors.score)], WEIGHTS)
+    judge = Judge([Baseline.of(errors.score)], WEIGHTS)
     before = judge.value(errors.score, 0)
     for group in range(len(errors.squares)):
         squares = errors.squares.copy()
         squares[group] = 2 * np.maximum(squares[group], 0)
-        assert judge.value(Errors(errors.probe, squares, errors.seen).score, 0) > before - 1e-9
+        assert judge.value(Errors(errors.probe, squares, errors.visible).score, 0) > before - 1e-9

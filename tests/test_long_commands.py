@@ -70,7 +70,7 @@ def test_ctrl_c_keeps_the_best_so_far_and_the_same_command_goes_on(
 ) -> None:
     kept = tmp_path / ".metal.search"
     running = command("slow", folder, tmp_path)
-    wait_for(running, kept / "about.json")
+    wait_for(running, kept / "start.npz")
     running.send_signal(signal.SIGINT)
     begin = time.monotonic()
     code, out, err = ended(running)
@@ -103,7 +103,7 @@ def test_a_search_that_is_killed_goes_on(folder: Path, tmp_path: Path, in_one: d
 def test_a_second_ctrl_c_abandons(folder: Path, tmp_path: Path) -> None:
     kept = tmp_path / ".metal.search"
     running = command("slow,hangs", folder, tmp_path)
-    wait_for(running, kept / "about.json")
+    wait_for(running, kept / "region-0.npz")
     running.send_signal(signal.SIGINT)
     with pytest.raises(subprocess.TimeoutExpired):
         running.wait(timeout=5)

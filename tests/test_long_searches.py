@@ -6,8 +6,8 @@ import json
 import os
 import signal
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -18,14 +18,14 @@ import mipbake
 from mipbake.baking import Listener, bake_sources
 from mipbake.baking.methods import PrefilterResult
 from mipbake.baking.search import checkpoint
-from mipbake.baking.search.checkpoint import Checkpoint, discard
+from mipbake.baking.search.checkpoint import Checkpoint, Kept, discard
 from mipbake.baking.search.sitting import Sitting, Stop, never
 from mipbake.base import checkpoints
 from mipbake.base.errors import UsageError
 from mipbake.cli.bake_stopping import Stopping
 
 from .command_line import bumps, write_set
-from .long_searches import SOME_ROUNDS, ManyRegions, with_many_regions, without_pauses
+from .long_searches import ManyRegions, with_many_regions, without_pauses
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals and locks as POSIX has them")
 
@@ -42,14 +42,19 @@ STORED = set_in_memory().material("gltf")
 
 
 class After:
-    """A stop that says True after it was asked so many times; the next descent is asked anew."""
+    """A stop that says True after it was asked so many times."""
 
     def __init__(self, times: int) -> None:
-        self.times, self.left = times, times
+        self.left = times
 
     def __call__(self) -> bool:
         self.left -= 1
         return self.left < 0
+
+
+def done_in(path: Path) -> list[str]:
+    """The files of the regions that a checkpoint holds."""
+    return sorted(file.name for file in path.glob("region-*.npz"))
 
 
 def searched(
@@ -79,34 +84,32 @@ def often(monkeypatch: pytest.MonkeyPatch) -> None:
     without_pauses(monkeypatch.setattr)
 
 
-def stopped(path: Path, times: int = 110) -> PrefilterResult:
-    found = searched(path, After(times))
-    assert found.stopped and (path / "about.json").is_file()
+def stopped(path: Path, regions: int = 1, **options: Any) -> PrefilterResult:
+    """A search that is stopped when so many regions are kept."""
+    found = searched(path, lambda: len(done_in(path)) == regions, **options)
+    assert found.stopped and (path / "start.npz").is_file() and len(done_in(path)) == regions
     return found
 
 
 @pytest.mark.long
-def test_a_search_in_many_sittings_is_the_same_to_the_last_bit(tmp_path: Path, whole: PrefilterResult) -> None:
-    path, sittings = tmp_path / "kept", 1
-    found = searched(path, After(70))
-    assert found.stopped and not same(found, whole)
-    while found.stopped:
-        sittings += 1
-        assert sittings < 100
-        found = searched(path, After(70))
-    assert sittings > 2 and same(found, whole)
+def test_a_search_that_is_stopped_often_is_the_same_to_the_last_bit(tmp_path: Path, whole: PrefilterResult) -> None:
+    """Stopped at once, in the middle of every region, and between regions."""
+    path = tmp_path / "kept"
+    for regions in range(4):
+        found = searched(path, After(40))
+        assert found.stopped and len(done_in(path)) == regions and (regions or not same(found, whole))
+        if regions < 3:
+            stopped(path, regions + 1)
+    assert same(searched(path), whole)
 
 
 @pytest.mark.long
 def test_more_than_ten_regions_are_gone_on_with(tmp_path: Path) -> None:
-    """The order of 2 and 10 is another one as numbers than as text, which is what JSON has."""
     path, told, stored = tmp_path / "kept", list[str](), set_in_memory(256).material("gltf")
-    found = searched(path, After(1200), told.append, stored)
-    kept = checkpoint.read_about(path / "about.json")["regions"]
-    assert found.stopped and len(kept) > 10
-    again = searched(path, lambda: True, told.append, stored)
-    assert same(again, found) and not any("not used" in sentence for sentence in told)
-    assert checkpoint.read_about(path / "about.json")["regions"] == kept
+    found = stopped(path, 11, told=told.append, stored=stored)
+    kept = done_in(path)
+    assert same(searched(path, lambda: True, told.append, stored), found)
+    assert done_in(path) == kept and not any("not used" in sentence for sentence in told)
 
 
 def test_a_search_that_is_stopped_at_once_has_its_start(tmp_path: Path, whole: PrefilterResult) -> None:
@@ -117,13 +120,12 @@ def test_a_search_that_is_stopped_at_once_has_its_start(tmp_path: Path, whole: P
 
 
 @pytest.mark.long
-def test_what_was_gained_before_a_stop_is_kept(tmp_path: Path) -> None:
-    """Also where the next sitting is stopped before its first round."""
-    found = stopped(tmp_path / "kept", 200)
-    start = searched(None, lambda: True)
-    assert any(not np.array_equal(one, other) for one, other in zip(found.levels, start.levels, strict=True))
-    again = searched(tmp_path / "kept", lambda: True)
-    assert again.stopped and same(again, found)
+def test_what_was_gained_before_a_stop_is_in_the_result(tmp_path: Path) -> None:
+    """Of the region at work, too, which begins anew the next time."""
+    start = searched(tmp_path / "kept", lambda: True)
+    found = searched(tmp_path / "kept", After(100))
+    assert found.stopped and not done_in(tmp_path / "kept") and not same(found, start)
+    assert same(searched(tmp_path / "kept", lambda: True), start)
 
 
 def damages(path: Path) -> Iterator[tuple[Path, bytes]]:
@@ -140,51 +142,44 @@ def damages(path: Path) -> Iterator[tuple[Path, bytes]]:
 @pytest.mark.long
 def test_a_damaged_checkpoint_costs_time_alone(tmp_path: Path, whole: PrefilterResult) -> None:
     path = tmp_path / "kept"
-    stopped(path, 300)
-    of = checkpoint.read_about(path / "about.json")["of"]
+    stopped(path, 2)
+    of = about(path / "start.npz")["of"]
     good = {file: file.read_bytes() for file in path.iterdir()}
-    kinds = {file.name.partition("-")[0] for file in good}
-    assert kinds == {"about.json", "lock", "start.npz", "region", "state"}
-    shapes, windows = [level.shape for level in whole.levels], _windows()
+    assert {file.name for file in good} == {"lock", "start.npz", "region-0.npz", "region-1.npz"}
+
+    def loaded(told: list[str]) -> Kept | None:
+        """What is kept: whole searches would take long."""
+        with closing(Checkpoint(path, of, False, told.append)) as kept:
+            return kept.load()
+
     for number, (file, data) in enumerate(damages(path)):
         file.write_bytes(data)
         told: list[str] = []
-        if number:  # whole searches would take long
-            kept = _checkpoint(path, of, told)
-            assert kept.load(shapes, windows) is None, file
-            kept.close()
+        if number:
+            assert loaded(told) is None, file
         else:
             assert same(searched(path, told=told.append), whole)
-            path.mkdir(exist_ok=True)
         assert f"the checkpoint {path} is not used, because it cannot be read (" in told[0], (file, told)
         assert told[0].endswith(": the search begins anew")
         for each, before in good.items():
             each.write_bytes(before)
     told = []
-    kept = _checkpoint(path, of, told)
-    assert kept.load(shapes, windows) is not None and not told
-    kept.close()
+    assert loaded(told) is not None and not told
 
 
-def _windows() -> Any:
-    from functools import partial
-
-    from mipbake.baking.search.keeping import windows_in
-    from mipbake.baking.search.regions import timed_regions
-    from mipbake.quality.reference.problem import Problem
-
-    problem = Problem(STORED, "gltf", "gltf", "gaussian", WRAP)
-    return partial(windows_in, problem, list(timed_regions(problem, SOME_ROUNDS.window, True, 8)))
+def about(path: Path) -> dict[str, Any]:
+    """What a file of a checkpoint says of itself."""
+    with np.load(path) as file:
+        found: dict[str, Any] = json.loads(file["about"].tobytes())
+    return found
 
 
-def _checkpoint(path: Path, of: Mapping[str, str], told: list[str]) -> Checkpoint:
-    return Checkpoint(path, of, False, told.append)
-
-
-def rewrite(path: Path, about: dict[str, Any]) -> None:
-    """Changes what a checkpoint says of itself."""
-    text = json.dumps({"sum": checkpoint.checksum(about), "about": about})
-    (path / "about.json").write_text(text, encoding="utf-8")
+def rewrite(path: Path, **changes: Any) -> None:
+    """Changes that."""
+    with np.load(path) as file:
+        arrays = dict(file)
+    arrays["about"] = np.frombuffer(json.dumps({**about(path), **changes}).encode(), np.uint8)
+    checkpoints.write_arrays(path, arrays)
 
 
 @pytest.mark.long
@@ -200,16 +195,14 @@ def rewrite(path: Path, about: dict[str, Any]) -> None:
 def test_a_checkpoint_of_another_search_is_not_used(tmp_path: Path, change: dict[str, Any], why: str) -> None:
     path, told = tmp_path / "kept", list[str]()
     stopped(path)
-    weights, version = change.get("weights"), change.get("version")
-    if weights is not None or version is not None:
-        about = checkpoint.read_about(path / "about.json")
-        about["version"] = version or about["version"]
-        about["of"]["weights"] = weights or about["of"]["weights"]
-        rewrite(path, about)
-        change = {}
-    found = searched(path, lambda: True, told.append, **change)
-    assert found.stopped
-    assert told[0].startswith(f"the checkpoint {path} is not used, because {why}")
+    start = path / "start.npz"
+    if "version" in change:
+        rewrite(start, **change)
+    if "weights" in change:
+        rewrite(start, of={**about(start)["of"], **change})
+    change = {} if {"version", "weights"} & change.keys() else change
+    assert searched(path, lambda: True, told.append, **change).stopped
+    assert told[0].startswith(f"the checkpoint {path} is not used, because {why}") and not done_in(path)
     told.clear()
     searched(path, lambda: True, told.append, **change)  # it has taken the place of the other
     assert told[0].startswith(f"going on from the checkpoint {path}, after ")
@@ -218,7 +211,7 @@ def test_a_checkpoint_of_another_search_is_not_used(tmp_path: Path, change: dict
 @pytest.mark.long
 def test_a_reproducible_search_does_not_go_on_from_one_with_a_limit_of_time(tmp_path: Path) -> None:
     path, told = tmp_path / "kept", list[str]()
-    searched(path, After(110), budget="1h")
+    stopped(path, budget="1h")
     searched(path, lambda: True, told.append, budget="2h")
     assert told.pop().startswith("going on from the checkpoint") and not told
     searched(path, lambda: True, told.append)
@@ -226,7 +219,7 @@ def test_a_reproducible_search_does_not_go_on_from_one_with_a_limit_of_time(tmp_
     discard(path)
     stopped(path)
     told.clear()
-    searched(path, lambda: True, told.append, budget="1h")  # the other way round nothing is lost
+    stopped(path, 2, told=told.append, budget="1h")  # the other way round nothing is lost
     assert told[0].startswith("going on from the checkpoint")
     told.clear()
     searched(path, lambda: True, told.append)
@@ -236,11 +229,10 @@ def test_a_reproducible_search_does_not_go_on_from_one_with_a_limit_of_time(tmp_
 @pytest.mark.long
 def test_time_that_was_spent_counts(tmp_path: Path) -> None:
     path, told = tmp_path / "kept", list[str]()
-    found = searched(path, After(200), budget="1h")
-    about = checkpoint.read_about(path / "about.json")
-    rewrite(path, {**about, "seconds": 3601.0})
+    found = stopped(path, budget="1h")
+    rewrite(path / "region-0.npz", seconds=3601.0)
     rest = searched(path, told=told.append, budget="1h")
-    # No round is worked any more: what was best is kept, and the search is done.
+    # No round is worked any more, and the search is done.
     assert told == [f"going on from the checkpoint {path}, after 1 h of 1 h"]
     assert not rest.stopped and same(rest, found)
 
@@ -273,26 +265,6 @@ def test_two_processes_do_not_share_a_checkpoint(tmp_path: Path, whole: Prefilte
         os.close(lock)
     assert f"another process has the checkpoint {path}: this search is not kept" in told
     assert {file: file.read_bytes() for file in path.iterdir()} == before
-
-
-@pytest.mark.long
-def test_checkpoints_are_no_more_often_than_they_may_cost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(checkpoint, "COST", 0.02)
-    written: list[float] = []
-    write = checkpoint.write_arrays
-
-    def slow(path: Path, arrays: Any) -> int:
-        begin = time.monotonic()
-        size = write(path, arrays)
-        time.sleep(0.05)
-        written.append(time.monotonic() - begin)
-        return size
-
-    monkeypatch.setattr(checkpoint, "write_arrays", slow)
-    begin = time.monotonic()
-    searched(tmp_path / "kept")
-    assert written, "the first writing seems cheap"
-    assert sum(written[:-1]) < 0.04 * (time.monotonic() - begin) + 0.1
 
 
 def test_arrays_are_read_as_they_were_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from mipbake.material.aim import DEFAULT_AIM
-from mipbake.quality.judging.weights import SEEN, TERMS, weights_for
+from mipbake.quality.judging.terms import PICTURES, TERMS
+from mipbake.quality.judging.weights import weights_for
 
 PAGE = (Path(__file__).resolve().parent.parent / "docs" / "method.md").read_text(encoding="utf-8")
 
@@ -29,8 +30,10 @@ def test_the_weights_are_the_ones_of_the_code() -> None:
     weights = weights_for(DEFAULT_AIM)
     assert said == {name: pytest.approx((weights.terms[name].counts, weights.terms[name].behind)) for name in TERMS}
     assert f"+ {weights.group_behind:g} sum over pair sets" in PAGE
-    assert f"allowed = {weights.tie:g} + half the standard error" in PAGE
-    assert f"{weights.seen_tie:g} in place of {weights.tie:g} for visible errors" in PAGE
+    ties = {each.tie: None for each in weights.terms.values()}
+    pairs, pictures = ties
+    assert f"allowed = {pairs:g} + half the standard error" in PAGE
+    assert f"{pictures:g} in place of {pairs:g} for visible errors" in PAGE
     assert f"/ aim, that is {weights.looks_worse:g} at the default aim" in " ".join(PAGE.split())
 
 
@@ -42,10 +45,11 @@ def test_an_aim_moves_the_weights_as_in_the_code(row: list[str]) -> None:
     aim, pairs, seen, factor, behind, groups, allowed = (float(cell.strip("`")) for cell in row)
     weights, at_zero = weights_for(aim), weights_for(0)
 
-    def told(value: float) -> object:
+    def expected(value: float) -> object:
         return pytest.approx(value, rel=2e-3)
 
     for name, found in weights.terms.items():
-        assert found.counts == told(seen if name in SEEN else pairs)
-        assert found.behind == told(behind if name in SEEN else at_zero.terms[name].behind * factor)
-    assert (weights.group_behind, weights.tie) == (told(groups), told(allowed))
+        assert found.counts == expected(seen if name in PICTURES else pairs)
+        assert found.behind == expected(behind if name in PICTURES else at_zero.terms[name].behind * factor)
+    tie = weights.terms["near-mirror"].tie
+    assert (weights.group_behind, tie) == (expected(groups), expected(allowed))

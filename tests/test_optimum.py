@@ -29,7 +29,8 @@ from mipbake.material.aim import ANISOTROPIC, TRILINEAR, Sampler
 from mipbake.material.pixel_filter import level_sizes
 from mipbake.quality.judging.probes import ProbeEffort
 from mipbake.quality.judging.scores import Scores
-from mipbake.quality.judging.weights import SEEN, SINGLE_LIGHTS, TERMS, Weight, Weights, weights_for
+from mipbake.quality.judging.terms import PICTURES, TERMS, Weight
+from mipbake.quality.judging.weights import SINGLE_LIGHTS, Weights, weights_for
 from mipbake.quality.metrics import PAIR_SETS, pair_set, snr_db
 from mipbake.quality.reference.estimate import bilinear, reference
 from mipbake.quality.reference.problem import Problem, Region, whole
@@ -45,7 +46,7 @@ TINY = replace(SMALL, rounds=2, pairs=8, looks=ProbeEffort(groups=2, points=16, 
 EFFORT = ProbeEffort(groups=8, points=48, samples=8, pictures=16, picture_samples=4)
 
 
-SEEN_ALONE = Weights({name: Weight(float(name in SEEN), 0.0) for name in TERMS}, group_behind=0.0)
+SEEN_ALONE = Weights({name: Weight(float(name in PICTURES), 0.0) for name in TERMS}, group_behind=0.0)
 
 
 def bumpy(height: int, width: int, roughness: float = 0.25) -> np.ndarray:
@@ -111,7 +112,7 @@ def test_single_lights_alone_count() -> None:
         return method(bumpy(16, 16), "gltf", "gltf", "gaussian", WRAP, lambda _: None).levels
 
     usual, single, other = (levels(weights) for weights in (None, SINGLE_LIGHTS, weights_for(0.5)))
-    assert {SINGLE_LIGHTS.terms[name] for name in SEEN} == {Weight(0.0, 0.0)}
+    assert all((each.counts, each.behind) == (0, 0) for each in map(SINGLE_LIGHTS.terms.get, PICTURES))
     assert all(np.array_equal(mine, theirs) for mine, theirs in zip(usual, single, strict=True))
     assert not all(np.array_equal(mine, theirs) for mine, theirs in zip(usual, other, strict=True))
 
@@ -244,7 +245,7 @@ def test_what_is_seen_alone_moves_texels_to_what_looks_right(sampler: Sampler) -
     descent = texel_descent.Descent(task, [True] * 5, replace(TINY, rounds=6), judged_by=SEEN_ALONE)
     texel_descent.descend(descent, levels, whole(task), np.random.default_rng(0))
     scores = Scores(task, replace(EFFORT, groups=2, points=4, pictures=64), 3, [0.0, 1.0, 2.0])
-    before, after = (np.mean([each.seen for each in scores.of_stack(stack)]) for stack in (start, levels))
+    before, after = (np.mean([each.visible for each in scores.of_stack(stack)]) for stack in (start, levels))
     assert after < before - 0.03, (before, after)  # 0.07 to 0.10 less with each of 4 seeds
 
 
@@ -274,7 +275,7 @@ def test_time_ends_it() -> None:
     levels = searched(task, *stages(TINY)[:2]).levels
     descent = texel_descent.Descent(task, [True] * 4, effort)
     deadline = time.monotonic() + 0.01
-    assert texel_descent.descend(descent, levels, whole(task), np.random.default_rng(0), deadline) <= 2
+    assert texel_descent.descend(descent, levels, whole(task), np.random.default_rng(0), deadline)[0] <= 2
 
 
 def test_bad_arguments_say_what_was_expected() -> None:

@@ -10,11 +10,12 @@ import pytest
 from mipbake.baking.search.level_fit import SeenAt, columns, fit_level
 from mipbake.baking.search.picture_samples import PictureChunk, picture_chunks, picture_slopes
 from mipbake.material.aim import ANISOTROPIC, TRILINEAR, Sampler
-from mipbake.quality.judging.judge import Asked, Judge
+from mipbake.quality.judging.judge import Baseline, Judge
 from mipbake.quality.judging.probes import ProbeEffort
 from mipbake.quality.judging.scores import Scores
 from mipbake.quality.judging.shown import KINDS_SHOWN
-from mipbake.quality.judging.weights import SEEN, TERMS, Weight, Weights
+from mipbake.quality.judging.terms import PICTURES, TERMS, Weight
+from mipbake.quality.judging.weights import Weights
 from mipbake.quality.metrics.visible import WEIGHT, bands
 from mipbake.quality.reference.estimate import bilinear
 from mipbake.quality.reference.problem import Problem, whole
@@ -25,7 +26,7 @@ from .test_optimum import bumpy
 WRAP = ("wrap", "wrap")
 KINDS = [TRILINEAR, ANISOTROPIC, Sampler(bias=-1.0, frames=8), Sampler(4, -0.3, 8)]
 COUNTS = {1: np.array([1.3, 0.7])}
-SEEN_ALONE = Weights({name: Weight(float(name in SEEN), 0.0) for name in TERMS}, group_behind=0.0)
+SEEN_ALONE = Weights({name: Weight(float(name in PICTURES), 0.0) for name in TERMS}, group_behind=0.0)
 
 
 def problem(sampler: Sampler) -> Problem:
@@ -138,7 +139,7 @@ def test_shares_are_fitted_to_what_is_seen(sampler: Sampler) -> None:
     other[..., :3] *= 0.5
     seen = [scores.looked_up(each.astype(np.float32), 0) for each in (base, other)]
     made = columns(seen[0], [seen[1]], "gltf")
-    judge = Judge([Asked.of(scores.of(seen[0], 0))], SEEN_ALONE)
+    judge = Judge([Baseline.of(scores.of(seen[0], 0))], SEEN_ALONE)
     found = fit_level([SeenAt(0, 1.0, None, seen[0], made)], scores, judge)
 
     def worth(theta: np.ndarray) -> float:

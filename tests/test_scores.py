@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from mipbake.material.pixel_filter import slanted_axes
-from mipbake.quality.judging.judge import Asked
+from mipbake.quality.judging.judge import Baseline
 from mipbake.quality.judging.probes import ProbeEffort
-from mipbake.quality.judging.scores import Score, Scores, certainty
-from mipbake.quality.judging.weights import SEEN
+from mipbake.quality.judging.scores import Score, Scores
+from mipbake.quality.judging.terms import PICTURES, certainty
 from mipbake.quality.metrics.visible import mean_squares
 from mipbake.quality.reference.problem import Problem
 
@@ -22,8 +22,17 @@ def test_what_chance_decides_counts_little() -> None:
     rows = np.stack([np.full(9, -2.0), np.full(9, -2.0) + np.tile([-1.05, 0, 1.05], 3), 20.0 * np.arange(9)])
     known, unsure, chance = certainty(rows)
     assert known == 1 and 0.3 < unsure < 0.7 and chance < 0.01
-    asked = Asked.of(Score(np.zeros((2, 4)), rows, np.zeros((len(SEEN), 4))))
-    assert asked.sure.tolist() == [1, 1, known, unsure, chance, 1, 1]  # the last two as people see them
+    baseline = Baseline.of(Score(np.zeros((2, 4)), rows[[0, 1, 2, 2]], np.zeros((len(PICTURES), 4))))
+    assert baseline.certainties.tolist() == [
+        1,
+        1,
+        known,
+        unsure,
+        chance,
+        chance,
+        1,
+        1,
+    ]  # pictures last
 
 
 def test_noisy_references_take_more_samples() -> None:
@@ -62,4 +71,4 @@ def test_scores_of_the_source_itself_are_right_where_it_is_constant(kernel: str)
     for index in range(2):
         errors = scores.errors(scores.looked_up(stored, index), index)
         assert (errors.score.decibels > 60).all()
-        assert (mean_squares(errors.seen.off) < 2e-4).all()
+        assert (mean_squares(errors.visible.off) < 2e-4).all()

@@ -10,7 +10,7 @@ from statistics import fmean, geometric_mean
 from records.record import load
 from records.wrapping import table
 
-from mipbake.quality.judging.weights import SEEN
+from mipbake.quality.judging.terms import PICTURES
 from mipbake.quality.metrics.pairs import PAIR_SETS
 from results_page.tables import PLACES
 
@@ -35,13 +35,13 @@ def section(folder: Path) -> list[str]:
         return []
     sets: Mapping[str, Figures] = record.data["sets"]
     forms = [name for name in next(iter(sets.values())) if _is_form(name)]
-    columns = (*PAIR_SETS, *SEEN)
+    columns = (*PAIR_SETS, *PICTURES)
     means = _means(sets)
     rows = [
         [name, *(f"{found[key]:.{1 if key in PAIR_SETS else 3}f}" for key in columns), _way(means, name)]
         for name, found in means.items()
     ]
-    heads = ["", *(f"SNR {PLACES[pairs]}" for pairs in PAIR_SETS), *SEEN, "share of the way"]
+    heads = ["", *(f"SNR {PLACES[pairs]}" for pairs in PAIR_SETS), *PICTURES, "share of the way"]
     return [
         "## Aims: decibels against what people see\n",
         _WORDS.format(side=record.data["side"], sets=len(sets), limit=LIMIT, forms=len(forms)),
@@ -60,7 +60,8 @@ def _means(sets: Mapping[str, Figures]) -> dict[str, dict[str, float]]:
     every = [{**found, _BEST: _best(found)} for found in sets.values()]
     names = [PLAIN, _BEST, *(name for name in next(iter(sets.values())) if not _is_form(name))]
     return {
-        name: {key: _mean(key)([found[name][key] for found in every]) for key in (*PAIR_SETS, *SEEN)} for name in names
+        name: {key: _mean(key)([found[name][key] for found in every]) for key in (*PAIR_SETS, *PICTURES)}
+        for name in names
     }
 
 
@@ -78,5 +79,5 @@ def _way(means: Figures, name: str) -> str:
     """Empty but for the aims and the network."""
     if not name.startswith((_AIM, "neural")):
         return ""
-    start, own, end = (fmean(math.log(means[each][kind]) for kind in SEEN) for each in (_BEST, name, LIMIT))
+    start, own, end = (fmean(math.log(means[each][kind]) for kind in PICTURES) for each in (_BEST, name, LIMIT))
     return f"{(start - own) / (start - end):.0%}"

@@ -1,8 +1,8 @@
-"""Checkpoints: a folder in which a search is kept from time to time, so that a later sitting goes on from there.
+"""Checkpoints: a folder that a search is kept in, region by region, so that the same search can be resumed later.
 
-`about.json` says what the search is and which files are part of it. It is replaced after these files are on the disk
-(`mipbake.base.checkpoints`). So whenever a process is killed, a whole checkpoint lies there, or none. The start is
-written once, each region that is done once, and the region at work every time.
+`start.npz` holds the stack that the descent begins with, and what the search is. `region-N.npz` holds the texels of a
+region that is done. Each file is written once, as a whole (`mipbake.base.checkpoints`). So whenever a process is
+killed, what lies there is valid. A region that was at work begins anew.
 
 A process holds a lock on the folder, which the system gives up when the process ends. A second process that wants the
 same folder keeps nothing. What cannot be written or read costs time, and nothing else: the search goes on without it.
@@ -11,39 +11,43 @@ same folder keeps nothing. What cannot be written or read costs time, and nothin
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import json
 import os
 import shutil
 import time
+import uuid
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.baking.search.kept_search import Come, Parts, name_of, state_of, state_parts
+from mipbake.baking.search.blending import Blend, judging_renders
+from mipbake.baking.search.ingredients import Rivals
 from mipbake.base import memory
 from mipbake.base.checkpoints import DAMAGED, Make, lock_of, read_arrays, write_arrays
-from mipbake.base.publish import reason, replacing
+from mipbake.base.publish import reason
 from mipbake.base.version import __version__
-from mipbake.quality.reference.problem import Image
+from mipbake.quality.judging.judge import Baseline, Judge
+from mipbake.quality.judging.probes import ProbeEffort
+from mipbake.quality.judging.terms import TERMS
+from mipbake.quality.judging.weights import Weights
+from mipbake.quality.reference.problem import Image, Problem
 
-_ABOUT, _LOCK, _START = "about.json", "lock", "start.npz"
-_FORMAT = 1  # of the files; not tuned
+_LOCK, _START, _REGION = "lock", "start.npz", "region-{}.npz"
+_ABOUT = "about"  # array of a file that holds JSON, in bytes
+
 LEAST_SECONDS = 10.0
 """Between two writings."""
 
-COST = 0.02
-"""Share of the time that writing may take."""
+_CHANGED = {"source": "the set changed", "options": "the options changed", "weights": "the weights changed"}
 
-_RATE = 2e8  # bytes that a disk writes in a second, before it is measured
-_WORDS = {"source": "the set changed", "options": "the options changed", "weights": "the weights changed"}
-
-Windows = Callable[[int], Mapping[int, tuple[slice, slice]]]
-"""Index of a region to what it moves: level to its rows and columns."""
+Arrays = Mapping[str, NDArray[Any]]
+Windows = Mapping[int, tuple[slice, slice]]
+"""The texels of a region: level to rows and columns."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,13 +55,14 @@ class Kept:
     """A search as a checkpoint holds it.
 
     Args:
-        start: see `kept_search.start_parts`. levels: what became of the start's; the same arrays where nothing changed.
-        come: how far its descent has come. seconds: how long all sittings took.
+        arrays, about: of its start; see `start_of`. levels: of the stack, with the regions that are done.
+        done: indices of these. seconds: that the search took until the last of them was done.
     """
 
-    start: Parts
+    arrays: Arrays
+    about: Mapping[str, Any]
     levels: list[Image]
-    come: Come
+    done: frozenset[int]
     seconds: float
 
 
@@ -66,100 +71,75 @@ class Checkpoint:
 
     Args:
         path: of the folder. of: hashes of what the search is: its "source", "options" and "weights".
-        timed: whether the search has a limit of time. told: hears sentences about the folder.
+        timed: whether the search has a limit of time. note: takes sentences about the folder.
     """
 
-    def __init__(self, path: Path, of: Mapping[str, str], timed: bool, told: Callable[[str], None]) -> None:
+    def __init__(self, path: Path, of: Mapping[str, str], timed: bool, note: Callable[[str], None]) -> None:
         self.path = path
-        self._of, self._timed, self._told = dict(of), timed, told
+        self._of, self._timed, self._note = dict(of), timed, note
         self._lock: int | None = None
         self._useless = False  # nothing can be kept
-        self._spoken = False
-        self._regions: dict[int, str] = {}
-        self._start: dict[str, Any] | None = None  # what JSON holds of the start that is kept
-        self._state: str | None = None
-        self._writings = 0
-        self._last, self._rate = time.monotonic(), _RATE
+        self._key: str | None = None  # of the start that lies there, which its regions have, too
+        self._done = set[int]()
+        self._last = time.monotonic()
 
-    @property
-    def holds(self) -> bool:
-        """Whether something is kept of this search."""
-        return self._start is not None and not self._useless
-
-    def load(self, shapes: Sequence[tuple[int, ...]], windows: Windows) -> Kept | None:
-        """The search as it was kept; None where there is nothing, or nothing of this search.
-
-        Args:
-            shapes: of the levels.
-        """
+    def load(self) -> Kept | None:
+        """The search as it was kept; None where there is nothing, or nothing of this search."""
         try:
             if not self.path.is_dir() or not self._locked():
                 return None
-            about = read_about(self.path / _ABOUT)
-            why = self._other(about)
-            kept = None if why else self._read(about, shapes, windows)
-        except FileNotFoundError:  # a process was killed before it had written all of the first one
-            why, kept = "", None
+            start = _about(self.path / _START)
+            files = [(path, _about(path)) for path in sorted(self.path.glob(_REGION.format("*")))]
+            regions = {path: about for path, about in files if about["key"] == start["key"]}
+            why = self._other(start, [start, *regions.values()])
+            if not why:
+                return self._read(start, regions)
+        except FileNotFoundError:  # a process was killed before it had written the start
+            return None
         except DAMAGED as error:
-            why, kept = f"it cannot be read ({error})", None
-        if why:
-            self._told(f"the checkpoint {self.path} is not used, because {why}: the search begins anew")
-        return kept
-
-    def due(self) -> bool:
-        """Whether so long has passed that it may be worth to keep something."""
-        return not self._useless and time.monotonic() - self._last >= LEAST_SECONDS
+            why = f"it cannot be read ({error})"
+        self._note(f"the checkpoint {self.path} is not used, because {why}: the search begins anew")
+        return None
 
     def keep(
         self,
-        start: Callable[[], Parts],
+        start: Blend,
         levels: Sequence[Image],
-        windows: Windows,
-        come: Come,
+        done: Mapping[int, Windows],
         seconds: float,
         now: bool = False,
     ) -> None:
-        """Keeps a search, unless it was not long since the last time beside how long it takes.
+        """Keeps the start and the regions that are done, unless they were kept a few seconds ago.
 
         Args:
-            start: makes its start. levels, come, seconds: as `Kept` has them. now: keep it whatever it takes.
+            levels: of the stack as it is. done: regions by their index. seconds: that the search took so far.
+            now: keep them however short that was ago.
         """
-        if self._useless:
+        if self._useless or not (now or time.monotonic() - self._last >= LEAST_SECONDS):
             return
-        state = None if come.state is None else state_parts(come.state)
-        begun = None if self._start is not None else start()
-        new = [index for index in come.done if index not in self._regions]
-        moved = {index: {level: levels[level][at] for level, at in windows(index).items()} for index in new}
-        size = sum(each.bytes for each in (state, begun) if each is not None)
-        size += sum(each.nbytes for some in moved.values() for each in some.values())
-        if not now and time.monotonic() - self._last < size / self._rate / COST:
-            return
-        begin = time.monotonic()
+        first = self._key is None
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             if not self._locked():
                 return
-            self._write(begun, moved, state, come, seconds)
+            self._write(start, levels, done, {"timed": self._timed, "seconds": seconds})
         except OSError as error:
             self._useless = True
-            self._told(
+            self._note(
                 f"the search is not kept in the checkpoint {self.path} ({reason(error)}): it goes on, and cannot be "
                 "taken up again later"
             )
-            self._empty()
+            _remove(self.path)
             return
         except BaseException:
-            if not (self.path / _ABOUT).exists():
-                self._empty()
+            if not (self.path / _START).exists():
+                _remove(self.path)
             raise
         self._last = time.monotonic()
-        self._rate = size / max(1e-3, self._last - begin)
-        if not self._spoken:
-            self._spoken = True
-            size = sum(file.stat().st_size for file in self.path.iterdir())
-            self._told(
-                f"the search is kept in {self.path} ({memory.told(size)}) from time to time: where it is interrupted, "
-                "the same command goes on from there"
+        if first:
+            self._note(
+                f"the search is kept in {self.path} ({memory.told(size_of(self.path))}) from time to time: where it "
+                "is interrupted, the same command goes on from there"
             )
 
     def close(self) -> None:
@@ -168,88 +148,45 @@ class Checkpoint:
             os.close(self._lock)
             self._lock = None
 
-    def _other(self, about: Mapping[str, Any]) -> str:
+    def _other(self, start: Mapping[str, Any], files: Sequence[Mapping[str, Any]]) -> str:
         """Why a checkpoint is not of this search; "" where it is."""
-        if about["format"] != _FORMAT or about["version"] != __version__:
-            return f"it was made by mipbake {about['version']}"
-        changed = next((why for part, why in _WORDS.items() if about["of"][part] != self._of[part]), "")
-        if not changed and about["timed"] and not self._timed:
+        if start["version"] != __version__:
+            return f"it was made by mipbake {start['version']}"
+        changed = next((why for part, why in _CHANGED.items() if start["of"][part] != self._of[part]), "")
+        if not changed and not self._timed and any(each["timed"] for each in files):
             return "it was made within a limit of time, and without one a search is reproducible"
         return changed
 
-    def _read(self, about: Mapping[str, Any], shapes: Sequence[tuple[int, ...]], windows: Windows) -> Kept:
-        named = {name_of(index): shape for index, shape in enumerate(shapes)}
-
-        def whole(name: str) -> Make | None:
-            return _expecting(named[name], memory.empty) if name in named else None
-
-        begun = Parts(read_arrays(self.path / _START, whole), about["start"])
-        first = [begun.arrays[name] for name in named]
+    def _read(self, start: Mapping[str, Any], regions: Mapping[Path, Mapping[str, Any]]) -> Kept:
+        arrays = read_arrays(self.path / _START, lambda name: memory.empty if _is_level(name) else None)
+        first: list[Image] = [arrays[_level(index)] for index in range(sum(map(_is_level, arrays)))]
         levels = list(first)
-        for index, file in about["regions"].items():
-            parts = {name_of(level): (level, at) for level, at in windows(int(index)).items()}
-            for level, _ in parts.values():
+        for path, about in regions.items():
+            into = {}
+            for level, rows, columns in about["windows"]:
                 if levels[level] is first[level]:
                     levels[level] = memory.copied(first[level])
-
-            def part(name: str, parts: Mapping[str, Any] = parts) -> Make:
-                level, at = parts[name]
-                into = levels[level][at]
-                return _expecting(into.shape, lambda _shape, _dtype: into)
-
-            read_arrays(self.path / file, part)
-        state = None
-        if about["state"] is not None:
-            state = state_of(Parts(read_arrays(self.path / about["state"], lambda _: None), about["at work"]))
-            inside = {level: first[level][at].shape for level, at in windows(about["at"]).items()}
-            if any(texels.inside.shape != inside.get(level) for level, texels in state.texels.items()):
-                raise ValueError("its region has another size")
-        self._regions = {int(index): file for index, file in about["regions"].items()}
-        self._start, self._state, self._writings = about["start"], about["state"], about["writings"]
-        self._timed = self._timed or about["timed"]
-        self._spoken = True  # who made it was told of it
-        come = Come(tuple(self._regions), int(about["at"]), state)
-        return Kept(begun, levels, come, float(about["seconds"]))
+                into[_level(level)] = levels[level][slice(*rows), slice(*columns)]
+            read_arrays(path, partial(_place_in, into))
+        self._key, self._done = start["key"], {int(about["index"]) for about in regions.values()}
+        seconds = max(float(each["seconds"]) for each in (start, *regions.values()))
+        return Kept(arrays, start, levels, frozenset(self._done), seconds)
 
     def _write(
-        self,
-        begun: Parts | None,
-        moved: Mapping[int, Mapping[int, Image]],
-        state: Parts | None,
-        come: Come,
-        seconds: float,
+        self, start: Blend, levels: Sequence[Image], done: Mapping[int, Windows], about: Mapping[str, Any]
     ) -> None:
-        if begun is not None:
-            self._empty(folder=False)  # what another search, or a process that was killed, has left
-            write_arrays(self.path / _START, begun.arrays)
-        made = {}
-        for index, some in moved.items():
-            made[index] = f"region-{index}.npz"
-            write_arrays(self.path / made[index], {name_of(level): each for level, each in some.items()})
-        file = f"state-{self._writings}.npz" if state is not None else None
-        if state is not None and file is not None:
-            write_arrays(self.path / file, state.arrays)
-        regions = {**self._regions, **made}
-        start = dict(begun.about) if begun is not None else self._start
-        about = {
-            "format": _FORMAT,
-            "version": __version__,
-            "of": self._of,
-            "timed": self._timed,
-            "seconds": seconds,
-            "writings": self._writings + 1,
-            "start": start,
-            "regions": {str(index): name for index, name in regions.items()},  # as JSON has them: it sorts text as text
-            "at": come.at,
-            "state": file,
-            "at work": None if state is None else state.about,
-        }
-        with replacing(self.path / _ABOUT) as partial:
-            partial.write_text(json.dumps({"sum": checksum(about), "about": about}), encoding="utf-8")
-        old, self._state, self._regions, self._start = self._state, file, regions, start
-        self._writings += 1
-        if old is not None:
-            (self.path / old).unlink(missing_ok=True)
+        if self._key is None:
+            _remove(self.path, folder=False)  # what another search, or a process that was killed, has left
+            key, (arrays, names) = uuid.uuid4().hex, _start_parts(start)
+            own = {"version": __version__, "of": self._of, "key": key}
+            _write(self.path / _START, arrays, {**about, **own, **names})
+            self._key = key
+        for index in [each for each in done if each not in self._done]:
+            windows = [(level, *((s.start, s.stop) for s in at)) for level, at in done[index].items()]
+            arrays = {_level(level): levels[level][at] for level, at in done[index].items()}
+            own = {"key": self._key, "index": index, "windows": windows}
+            _write(self.path / _REGION.format(index), arrays, {**about, **own})
+            self._done.add(index)
 
     def _locked(self) -> bool:
         """Whether this process has the folder; else nothing is kept."""
@@ -257,24 +194,44 @@ class Checkpoint:
             self._lock = lock_of(self.path / _LOCK)
             if self._lock is None:
                 self._useless = True
-                self._told(f"another process has the checkpoint {self.path}: this search is not kept")
+                self._note(f"another process has the checkpoint {self.path}: this search is not kept")
         return not self._useless
 
-    def _empty(self, folder: bool = True) -> None:
-        _remove(self.path, folder)
-        self._regions, self._start, self._state = {}, None, None
+
+def start_of(kept: Kept, problem: Problem, effort: ProbeEffort, judged_by: Weights, seed: int) -> Blend:
+    """The start of a search. KeyError where something is missing."""
+    arrays, about = kept.arrays, kept.about
+    check, held_out = judging_renders(problem, effort, seed)
+    baselines = [
+        Baseline({name: arrays[f"baseline {index} {name}"] for name in TERMS}, arrays.get(f"plain {index}"))
+        for index in range(len(check.lods))
+    ]
+    return Blend(
+        [arrays[_level(index)] for index in range(len(problem.sizes))],
+        [tuple(names) for names in about["sources"]],
+        Judge(baselines, judged_by),
+        check,
+        held_out,
+        [Rivals(tuple(names), arrays[f"rivals {index}"]) for index, names in enumerate(about["rivals"])],
+        arrays["plain"],
+        tuple(about["left_out"]),
+        arrays.get("typical"),
+    )
 
 
-def read_about(path: Path) -> dict[str, Any]:
-    found = json.loads(path.read_bytes())
-    about: dict[str, Any] = found["about"]
-    if found["sum"] != checksum(about):
-        raise ValueError("its description is damaged")
-    return about
-
-
-def checksum(about: Mapping[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(about, sort_keys=True).encode()).hexdigest()
+def _start_parts(start: Blend) -> tuple[Arrays, Mapping[str, Any]]:
+    """All of a start that its problem and its seed do not say: arrays, and what JSON holds."""
+    arrays: dict[str, NDArray[Any]] = {_level(index): level for index, level in enumerate(start.levels)}
+    for index, (baseline, rivals) in enumerate(zip(start.judge.baselines, start.rivals, strict=True)):
+        arrays |= {f"baseline {index} {name}": values for name, values in baseline.values.items()}
+        arrays[f"rivals {index}"] = rivals.log_errors
+        if baseline.plain is not None:
+            arrays[f"plain {index}"] = baseline.plain
+    arrays["plain"] = start.plain
+    if start.typical is not None:
+        arrays["typical"] = start.typical
+    names = [rivals.names for rivals in start.rivals]
+    return arrays, {"sources": start.sources, "left_out": start.left_out, "rivals": names}
 
 
 def discard(path: Path) -> None:
@@ -297,19 +254,35 @@ def size_of(path: Path) -> int:
         return 0
 
 
+def _write(path: Path, arrays: Arrays, about: Mapping[str, Any]) -> None:
+    write_arrays(path, {_ABOUT: np.frombuffer(json.dumps(about).encode(), np.uint8), **arrays})
+
+
+def _about(path: Path) -> dict[str, Any]:
+    """What a file says of itself. One of DAMAGED where it cannot be read."""
+    with np.load(path) as file:
+        about: dict[str, Any] = json.loads(file[_ABOUT].tobytes())
+    return about
+
+
+def _level(index: int) -> str:
+    """What the array of a level is called."""
+    return f"level {index}"
+
+
+def _is_level(name: str) -> bool:
+    return name.startswith("level ")
+
+
+def _place_in(arrays: Arrays, name: str) -> Make | None:
+    """Has an array read into one of these."""
+    return (lambda _shape, _dtype: arrays[name]) if name in arrays else None
+
+
 def _remove(path: Path, folder: bool = True) -> None:
     """Removes what a checkpoint holds, what makes it valid first; and its folder."""
-    for file in (path / _ABOUT, *(each for each in path.glob("*") if folder or each.name != _LOCK)):
+    for file in (path / _START, *(each for each in path.glob("*") if folder or each.name != _LOCK)):
         with contextlib.suppress(OSError):
             file.unlink(missing_ok=True)
     if folder:
         shutil.rmtree(path, ignore_errors=True)
-
-
-def _expecting(shape: tuple[int, ...], make: Make) -> Make:
-    def made(found: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
-        if found != shape or dtype != np.float32:
-            raise ValueError(f"it has an array of {found}, and not of {shape}")
-        return make(found, dtype)
-
-    return made

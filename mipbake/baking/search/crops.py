@@ -104,16 +104,6 @@ class Crop:
         self.now = self._around.copy()
         self.now[self.rows.inside, self.columns.inside] = inside
 
-    @property
-    def inside(self) -> Image:
-        """(h, w, C) stored channels of the free texels as they are now."""
-        return self.now[self.rows.inside, self.columns.inside]
-
-    def put(self, coordinates: Image, inside: Image) -> None:
-        """Gives the free texels back what `coordinates` and `inside` were."""
-        self.coordinates, self.now = coordinates, self._around.copy()
-        self.now[self.rows.inside, self.columns.inside] = inside
-
     def gradient(self, by_texel: Image) -> Image:
         """(h, w, P) by the coordinates, from (h', w', C) by the stored channels of `now`."""
         return stored_adjoint(self.coordinates, by_texel[self.rows.inside, self.columns.inside], self.model)

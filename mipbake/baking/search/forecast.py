@@ -79,10 +79,10 @@ class Forecast:
         self._todo = [self._costs[index] for index in todo]
         self._spoken: float | None = None  # the pace of what was told
 
-    def begun(self, index: int, rounds: int, until: float) -> None:
-        """A region was begun, or gone on with after so many rounds; it ends at a time.monotonic()."""
+    def begun(self, index: int, until: float) -> None:
+        """A region was begun; it ends at a time.monotonic()."""
         self._until = until
-        self._index, self._done, self._last = index, rounds, None
+        self._index, self._done, self._last = index, 0, None
 
     def worked(self, rounds: int, todo: Sequence[int]) -> None:
         """So many rounds of the region have been worked; `todo`: regions after it."""

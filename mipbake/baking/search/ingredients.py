@@ -4,7 +4,7 @@ Closed forms are measured together, in one pass over the image, and of their lev
 lookups read (touched.py). Where that cannot be, an ingredient is baked, looked up at all points and, unless there is
 memory to keep it, forgotten: 4096 x 4096 sets do not need fifteen stacks in memory. That is so for models that store
 directions, whose signs hang on whole levels, and with a deadline that not all can meet. Ingredients that would take too
-long are left out then, the least promising first, and what was forgotten is not blended.
+long are left out then, the ones that matter least first, and what was forgotten is not blended.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ from mipbake.baking.search.touched import Touched
 from mipbake.base.threads import MOSTLY_PYTHON, on_threads, side_by_side
 from mipbake.material import MODELS, directions
 from mipbake.material.directions import facing
-from mipbake.quality.judging.judge import Asked, Judge
-from mipbake.quality.judging.scores import Array, Score, Scores, between_levels
-from mipbake.quality.metrics.pairs import PAIR_SETS
+from mipbake.quality.judging.judge import Baseline, Judge
+from mipbake.quality.judging.scores import Score, Scores, between_levels
+from mipbake.quality.judging.terms import LOG_ERRORS, POOLED, TERMS, Array, Term
 from mipbake.quality.reference.problem import Image, Problem
 
 KERNEL_OF_ORIGIN = "box"
@@ -72,14 +72,14 @@ class Ingredient:
 
 
 @dataclass(frozen=True, eq=False)
-class Rival:
-    """The best closed form at a level of detail, for one row of a Score.
+class Rivals:
+    """The best closed forms at a level of detail.
 
     Args:
-        name: what people call it. log_errors: the row.
+        names: of the best one of each pair set. log_errors: (S, G) its row of a Score.
     """
 
-    name: str
+    names: tuple[str, ...]
     log_errors: Array
 
 
@@ -111,8 +111,8 @@ def _plain(forms: Iterable[str]) -> list[str]:
 
 
 class Bench:
-    """All ingredients, looked up at all points of several sets of renders, and scored by all sets but the last, the
-    witness.
+    """All ingredients, looked up at all points of several sets of renders, and scored by all sets but the last, which
+    is held out.
 
     With a deadline that not all can meet, ingredients that are not baked by then are left out, and the blend mixes what
     was kept.
@@ -127,11 +127,11 @@ class Bench:
         problem: Problem,
         ingredients: Sequence[Ingredient],
         scores: Sequence[Scores],
-        witness: Scores,
+        held_out: Scores,
         progress: Progress,
         deadline: float,
     ) -> None:
-        self.problem, self._scores, self._witness = problem, scores, witness
+        self.problem, self._scores, self._held_out = problem, scores, held_out
         self._ingredients = {each.name: each for each in ingredients}
         form = f"{{}} ({problem.pixel_filter})"
         self.base = form.format(BASE)
@@ -160,14 +160,14 @@ class Bench:
             if pressed and name != self.base and time.monotonic() + self._expected(name) > deadline:
                 return False
             levels = self.levels(name)
-            for which, each in enumerate((*scores, witness)):
+            for which, each in enumerate((*scores, held_out)):
                 self._see(name, levels, which, each)
             self._found[name, 0] = [self._score(name, 0, index) for index in range(len(scores[0].probes))]
             return True
 
         done = {name: True for name in self._forms_of_whole}
         if done:
-            self._look_together((*scores, witness), others)
+            self._look_together((*scores, held_out), others)
             progress(len(done) / (len(self._ingredients) + 1))
         else:
             done[self.base] = look(self.base)
@@ -263,8 +263,8 @@ class Bench:
         near = (logs < logs.min(0) + _FAR).any(1)
         return {
             name: self._score(name, 1, index)
-            for name, promising in zip(forms, near, strict=True)
-            if promising or _rule(name) in PLAIN
+            for name, close in zip(forms, near, strict=True)
+            if close or _rule(name) in PLAIN
         }
 
     def seen(self, name: str, which: int, index: int, level: int) -> Image:
@@ -280,42 +280,32 @@ class Bench:
         """What blends are made of, at the points of a probe."""
         return self.seen(self.base, which, index, level), [self.seen(n, which, index, level) for n in self.others]
 
-    def rivals(self, which: int, index: int) -> list[Rival]:
-        """The best closed form of each row at a level of detail: of pair sets the best of all, of bright pairs the best
-        of PLAIN."""
-        return self._best(self._forms(which, index))
+    @staticmethod
+    def _best(forms: Mapping[str, Score], term: Term) -> str:
+        """The best of closed forms by a term: under bright pairs the best of PLAIN."""
+        return min(_plain(forms) if term.array == POOLED else forms, key=lambda name: term.value(forms[name]))
 
-    def _best(self, forms: Mapping[str, Score]) -> list[Rival]:
-        """The same among some of the closed forms."""
-        out = []
-        for row in range(len(next(iter(forms.values())).rows)):
-            names = list(forms) if row < len(PAIR_SETS) else _plain(forms)
-            best = min(names, key=lambda name: float(forms[name].rows[row].mean()))
-            out.append(Rival(best, forms[best].rows[row]))
-        return out
-
-    def asked(self, which: int, index: int, looks_worse: float) -> Asked:
+    def baseline(self, which: int, index: int, looks_worse: float) -> Baseline:
         """That no closed form that looks fine is ahead at a level of detail, none of PLAIN in a group of pairs, and no
-        ingredient in what is seen.
+        ingredient by what people see.
 
         Args:
-            looks_worse: nepers of a term of what is seen by which a closed form may be behind the best ingredient and
-                looks fine. BASE always does.
+            looks_worse: nepers of a term of pictures by which a closed form may be behind the best ingredient and looks
+                fine. BASE always does.
         """
         forms = self._forms(which, index)
-        # Of what is seen no ingredient may be ahead, networks included: what they win is not given away again.
-        learned = [self._score(name, which, index) for name in self._learned]
-        every = np.stack([each.seen for each in (*forms.values(), *learned)])
-        means = every.mean(-1)
-        best = means.argmin(0)
-        seen = every[best, np.arange(len(best))]
-        fine = (means - means.min(0) <= looks_worse).all(-1)
-        looks = zip(forms.items(), fine[: len(forms)], strict=True)
+        # By what people see no ingredient may be ahead, networks included: what they win is not given away again.
+        every = [*forms.values(), *(self._score(name, which, index) for name in self._learned)]
+        means = np.array([[term.value(score) for term in TERMS.values() if term.visible] for score in every])
+        fine = (means - means.min(0) <= looks_worse).all(-1)[: len(forms)]
+        looks = zip(forms.items(), fine, strict=True)
         forms = {name: each for (name, each), good in looks if good or _rule(name) == BASE}
-        rows = [each.log_errors for each in self._best(forms)]
+        best = {
+            name: min(every, key=term.value) if term.visible else forms[self._best(forms, term)]
+            for name, term in TERMS.items()
+        }
         plain = np.min([forms[name].log_errors for name in _plain(forms)], 0)
-        sets = len(PAIR_SETS)
-        return Asked(np.stack(rows[:sets]), np.stack(rows[sets:]), seen, plain)
+        return Baseline({name: term.values(best[name]) for name, term in TERMS.items()}, plain)
 
     def _forms(self, which: int, index: int) -> dict[str, Score]:
         """Scores of closed forms: all as fitted to, and those that are not far behind as the judge sees them."""
@@ -327,19 +317,25 @@ class Bench:
     def _learned(self) -> list[str]:
         return [name for name, each in self._ingredients.items() if not each.closed_form]
 
-    def witnessed(self, index: int, rivals: Sequence[Rival]) -> list[Rival]:
-        """What closed forms have at a level of detail as the witness sees it."""
-        which, levels = len(self._scores), self._witness.probes[index].levels
-        seen = {each.name: [self.seen(each.name, which, index, level) for level in levels] for each in rivals}
-        rows = {name: self._witness.of(between_levels(each), index) for name, each in seen.items()}
-        return [Rival(each.name, rows[each.name].rows[kind]) for kind, each in enumerate(rivals)]
+    def rivals(self, index: int) -> Rivals:
+        """The closed forms that are the best at a level of detail by the renders that judge, as the held-out set has
+        them."""
+        forms = self._forms(1, index)
+        pairs = [term for term in TERMS.values() if term.array == LOG_ERRORS]
+        names = tuple(self._best(forms, term) for term in pairs)
+        scores = {name: self._held_out_score(name, index) for name in names}
+        rows = [term.values(scores[name]) for name, term in zip(names, pairs, strict=True)]
+        return Rivals(names, np.stack(rows))
 
-    def plain_looks(self, index: int) -> Array:
-        """(V,) logarithm of the visible error that plain MIP maps have at a level of detail as the witness sees it."""
+    def _held_out_score(self, name: str, index: int) -> Score:
+        levels = self._held_out.probes[index].levels
+        texels = [self.seen(name, len(self._scores), index, level) for level in levels]
+        return self._held_out.of(between_levels(texels), index)
+
+    def plain_visible(self, index: int) -> Array:
+        """(V,) logarithm of the visible error that plain MIP maps have at a level of detail in the held-out set."""
         box = f"{BASE} ({KERNEL_OF_ORIGIN})"
-        name, which = box if box in self._ingredients else self.base, len(self._scores)
-        levels = [self.seen(name, which, index, level) for level in self._witness.probes[index].levels]
-        return np.asarray(self._witness.of(between_levels(levels), index).seen.mean(-1))
+        return np.asarray(self._held_out_score(box if box in self._ingredients else self.base, index).visible.mean(-1))
 
     def safest(self, level: int, judge: Judge) -> str:
         """The ingredient that is worth most at a level by itself, as fitted to."""

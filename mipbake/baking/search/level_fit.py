@@ -25,7 +25,6 @@ from mipbake.quality.judging.judge import Judge
 from mipbake.quality.judging.pairs import SET_SIZE
 from mipbake.quality.judging.probes import mean_squares
 from mipbake.quality.judging.scores import Array, Errors, Scores, blocks, off_by
-from mipbake.quality.judging.weights import SEEN
 from mipbake.quality.metrics.pairs import PAIR_SETS
 from mipbake.quality.metrics.visible import SENSITIVITY, bands_adjoint
 from mipbake.quality.reference.problem import Image
@@ -124,21 +123,19 @@ class _Error:
         squares, by_set = self._off(single)
         errors = Errors(probe, squares - probe.noise, error)
         slopes = self._judge.slopes(errors.score, self._seen.index)
-        sets = len(PAIR_SETS)
-        by_log = slopes.terms[:sets, None] / probe.groups + slopes.groups
-        by_pooled, by_seen = slopes.terms[sets : -len(SEEN)], slopes.terms[-len(SEEN) :]
-        by_render = errors.slopes(by_log, by_pooled) / (3 * self._points // probe.frames)  # (S, G)
+        by_log = slopes.log_errors[:, None] / probe.groups + slopes.groups
+        by_render = errors.slopes(by_log, slopes.pooled) / (3 * self._points // probe.frames)  # (S, G)
 
         gradient = np.empty_like(texels)
         by_texel = (2 * by_set * by_render.astype(np.float32)[..., None, None]).sum(0)
         gradient[: self._single] = by_texel.reshape(self._single, -1)
-        by_shown = error.slopes(by_seen).reshape(by_radiance.shape)
+        by_shown = error.slopes(slopes.visible).reshape(by_radiance.shape)
         gradient[self._single :] = self._adjoint(pixels, by_shown * by_radiance).reshape(-1, texels.shape[-1])
         share = self._seen.share
         slope = share * (gradient.reshape(-1) @ self._columns.reshape(gradient.size, -1))
 
         rows = self._rows(single, 2 * np.concatenate(list(by_render[..., None] * probe.weights), 1), rng, turn)
-        along = np.concatenate([rows, *self._shown_rows(pixels, by_radiance, error.weights(by_seen), rng)])
+        along = np.concatenate([rows, *self._shown_rows(pixels, by_radiance, error.weights(slopes.visible), rng)])
         curvature = along.T @ along
         return slope.astype(np.float64), (share * share * curvature).astype(np.float64)
 

@@ -8,7 +8,7 @@ budget, goes on to the fine levels. `optimum` starts from the best closed form o
 shows the limit of a stack with a single lobe a texel.
 
 In the end each level keeps of its change what independent renders confirm, against the start, which itself was held
-against every closed form that looks fine. What they measured is the promise that comes with the stack.
+against every closed form that looks fine. Held-out renders measure the result.
 """
 
 from __future__ import annotations
@@ -28,9 +28,8 @@ from mipbake.baking.search.blending import best, blend
 from mipbake.baking.search.checkpoint import Checkpoint
 from mipbake.baking.search.descent_effort import DescentEffort
 from mipbake.baking.search.ingredients import Ingredient, closed_forms, ingredient
-from mipbake.baking.search.promising import promised
 from mipbake.baking.search.sitting import ONLY, Sitting
-from mipbake.baking.search.stages import Clock, Descend, Gather, Keep, Make, Search, Stage, Work, gone_on
+from mipbake.baking.search.stages import Clock, Descend, Gather, Keep, Make, Search, Stage, Work, resumed
 from mipbake.baking.search.time_budget import seconds_of
 from mipbake.base import memory
 from mipbake.base.device import PROCESSOR
@@ -38,10 +37,14 @@ from mipbake.base.errors import UsageError
 from mipbake.base.threads import one_blas_thread
 from mipbake.material.aim import DEFAULT_AIM, DEFAULT_SAMPLER, Sampler, checked_aim
 from mipbake.material.pixel_filter import Wrap, filter_named
+from mipbake.quality.judging.pairs import SET_SIZE
 from mipbake.quality.judging.probes import ProbeEffort
+from mipbake.quality.judging.scores import DECIBEL
+from mipbake.quality.judging.terms import Array, standard_error
 from mipbake.quality.judging.weights import SINGLE_LIGHTS, Weights, weights_for
+from mipbake.quality.metrics.pairs import PAIR_SETS
 from mipbake.quality.reference.problem import Image, Problem
-from mipbake.stack.promise import Promise
+from mipbake.stack.promise import BetweenPromise, LevelPromise, Promise
 
 REFINE_SECONDS = 120.0
 """Budget of `refine` where none is given."""
@@ -133,7 +136,7 @@ class Searching:
         problem = Problem(stored, source, target, pixel_filter, wrap, self.sampler)
         ingredients = [*closed_forms(problem), *(self.networks(problem) if self.learned else ())]
         sitting = self._sitting if self.long else ONLY
-        with self._checkpoint(problem) as checkpoint:
+        with self._checkpoint(problem, sitting) as checkpoint:
             work = Work(problem, ingredients, self._seed, clock, progress, self._judged_by, sitting, checkpoint)
             search, promise = self._searched(work, progress)
         progress(1.0)
@@ -152,27 +155,22 @@ class Searching:
 
     @one_blas_thread()
     def _searched(self, work: Work, progress: Progress) -> tuple[Search, Promise]:
-        """All stages, and what the witness found."""
-        done, search = 0.0, gone_on(work, self._effort, self._descending)
+        """All stages, and what was measured of the result."""
+        done, search = 0.0, resumed(work, self._effort)
         for step in self.steps:
             search = step.stage(search, lambda share, done=done, step=step: progress(done + share * step.share))  # type: ignore[misc]
             done += step.share
-        return search, promised(search)
-
-    @property
-    def _descending(self) -> Descend:
-        return next(step.stage for step in self.steps if isinstance(step.stage, Descend))
+        return search, measured(search)
 
     @contextmanager
-    def _checkpoint(self, problem: Problem) -> Iterator[Checkpoint | None]:
-        """What the search is kept in, and goes on from; None for nothing."""
-        sitting = self._sitting
-        if sitting.checkpoint is None or not self.long:
+    def _checkpoint(self, problem: Problem, sitting: Sitting) -> Iterator[Checkpoint | None]:
+        """What the search is kept in, and resumed from; None for nothing."""
+        if sitting.checkpoint is None:
             yield None
             return
         options = (
             *(self.name, problem.target, problem.pixel_filter, problem.sampler, self.aim, self._seed, self._device),
-            *(repr(each) for each in (self._effort, self._descending, self._judged_by)),
+            *(self._effort, self._judged_by, [step.stage for step in self.steps if isinstance(step.stage, Descend)]),
         )
         of = {
             "source": _hash(problem.source, problem.wrap, problem.stored),
@@ -205,6 +203,36 @@ class Searching:
         # says how long the whole takes.
         learned.part(problem.stored[:_FIRST, :_FIRST])
         return [learned]
+
+
+def measured(search: Search) -> Promise:
+    """What held-out renders say of every level, and halfway between levels."""
+    start, sets = search.blend, list(PAIR_SETS)
+    found = start.held_out.of_stack(search.levels)
+    levels, between = [], []
+    for lod, score, rivals in zip(start.held_out.lods, found, start.rivals, strict=True):
+        rows, others = score.log_errors, rivals.log_errors
+
+        def by_set(values: Array) -> dict[str, float]:
+            return {name: round(float(value), 4) for name, value in zip(sets, values, strict=True)}
+
+        figures = {
+            "snr": by_set(-DECIBEL * rows.mean(1)),
+            "standard_error": by_set(DECIBEL * standard_error(rows)),
+            "best_closed_form_snr": by_set(-DECIBEL * others.mean(1)),
+            "gain_error": by_set(DECIBEL * standard_error(rows - others)),
+        }
+        best = dict(zip(sets, rivals.names, strict=True))
+        if lod == int(lod):
+            level = int(lod)
+            sources, kept = start.sources[level], search.kept[level]
+            levels.append(LevelPromise(best_closed_form=best, level=level, sources=sources, refined=kept, **figures))
+        else:
+            between.append(BetweenPromise(best_closed_form=best, lod=lod, **figures))
+    effort = start.held_out.effort
+    pairs, points = effort.groups * SET_SIZE, effort.groups * effort.points
+    visible = np.exp(np.mean([score.visible.mean(-1) for score in found] - start.plain))
+    return Promise(tuple(levels), pairs, points, start.left_out, tuple(between), round(float(visible), 4))
 
 
 def _hash(*content: object) -> str:

@@ -23,10 +23,10 @@ from numpy.typing import NDArray
 
 from mipbake.baking.search.pixel_samples import PLAIN, Chunk
 from mipbake.quality.judging.judge import Judge
-from mipbake.quality.judging.pairs import SET_SIZE
+from mipbake.quality.judging.pairs import KINDS, SET_SIZE
 from mipbake.quality.judging.probes import Probe
 from mipbake.quality.judging.scores import Errors, Scores
-from mipbake.quality.judging.weights import BRIGHT, SEEN, TERMS
+from mipbake.quality.judging.shown import KINDS_SHOWN
 from mipbake.quality.metrics.pairs import PAIR_SETS, LightViewPairs
 from mipbake.quality.reference.problem import Image
 from mipbake.shading import shade
@@ -50,8 +50,8 @@ class PairWeights:
         self._judge, self._material = judge, material
         self._lods = np.array(scores.lods)
         self._common = {int(probe.lod): _Common(probe, self) for probe in scores.probes if probe.lod == int(probe.lod)}
-        self._slopes = np.zeros((len(TERMS), len(scores.lods)))
-        self._seen_means = np.ones((len(SEEN), len(scores.lods)))
+        self._single: NDArray[np.float64] = np.zeros((2, len(PAIR_SETS), len(self._lods)))
+        self._visible: NDArray[np.float64] = np.zeros((KINDS_SHOWN, len(self._lods)))
 
     def pairs(self, level: int) -> LightViewPairs:
         """The common pairs of a level, as many of each pair set, one set after the other."""
@@ -59,22 +59,23 @@ class PairWeights:
 
     def update(self, errors: Sequence[Errors]) -> None:
         """Takes the errors of a stack, one for every level of detail, for those that count now."""
-        slopes = [self._judge.slopes(each.score, index).terms for index, each in enumerate(errors)]
-        self._slopes = np.stack(slopes, 1)
-        self._seen_means = np.stack([each.seen.means for each in errors], 1)
+        slopes = [self._judge.slopes(each.score, index) for index, each in enumerate(errors)]
+        bright = np.stack([each.pooled for each in slopes], 1).reshape(KINDS, len(PAIR_SETS), -1).sum(0)
+        # What nepers of typical errors of each pair set count, and nepers of its expected energy.
+        self._single = np.stack([np.stack([each.log_errors for each in slopes], 1), bright])
+        self._visible = np.stack([by.visible / each.visible.means for by, each in zip(slopes, errors, strict=True)], 1)
         for lod, each in zip(self._lods, errors, strict=True):
             if lod == int(lod):
                 self._common[int(lod)].update(each.squares)
 
-    def seen(self, level: int) -> NDArray[np.float64]:
+    def visible(self, level: int) -> NDArray[np.float64]:
         """(V,) what the visible error of each kind of pictures counts at a level."""
-        rows = self._slopes[-len(SEEN) :] / self._seen_means
-        return np.array([np.interp(level, self._lods, row) for row in rows])
+        return np.array([np.interp(level, self._lods, row) for row in self._visible])
 
     def of(self, chunk: Chunk) -> Image:
         """(K, P): what the squared error of each render, summed over colours, counts in the mean over pixels."""
         common, lods = self._common[chunk.level], chunk.lods
-        slopes = [np.interp(lods, self._lods, each) for each in self._by_set()]
+        slopes = [np.interp(lods, self._lods, each) for rows in self._single for each in rows]
         typical, pooled = np.stack(slopes).astype(np.float32).reshape(2, len(PAIR_SETS), -1)
         if chunk.common is not None:
             part = len(chunk.common) // len(typical)
@@ -89,14 +90,6 @@ class PairWeights:
             every = common.pooled[kind * (len(common.pooled) // len(PAIR_SETS))]
             out += importance * (SET_SIZE / 3) * (typical[kind] * phi + pooled[kind] * every)
         return out
-
-    def _by_set(self) -> NDArray[np.float64]:
-        """(2 S, M): what nepers of typical errors of each pair set count, and nepers of its expected energy."""
-        by_name = dict(zip(TERMS, self._slopes, strict=True))
-        return np.stack(
-            [by_name[name] for name in PAIR_SETS]
-            + [np.sum([by_name[f"{kind}, {name}"] for kind in BRIGHT], 0) for name in PAIR_SETS]
-        )
 
     def basis(self, light: Image, view: Image) -> tuple[Image, Image, Image, Image]:
         """Logarithms of the mean material's radiance, of the cosines of view and light, and of 1 - h_z: (...) each."""

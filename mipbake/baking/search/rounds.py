@@ -44,14 +44,14 @@ class Drawn:
 
     Args:
         renders: chunks, (K, P, 3) estimates of the reference, and (K, P) what the squared error of each render counts.
-        pictures: chunks of small pictures. seen_counts: by level, (V,) what the visible error of each kind
+        pictures: chunks of small pictures. visible_counts: by level, (V,) what the visible error of each kind
             counts.
         lookups: of all pixels, renders first.
     """
 
     renders: list[tuple[Chunk, Image, Image]]
     pictures: list[PictureChunk]
-    seen_counts: dict[int, NDArray[np.float64]]
+    visible_counts: dict[int, NDArray[np.float64]]
     lookups: Lookups
 
     @classmethod
@@ -63,7 +63,7 @@ class Drawn:
         pictures: list[PictureChunk],
     ) -> Drawn:
         weighed = [(chunk, estimate, weights.of(chunk) / np.float32(chunk.pixels)) for chunk, estimate in renders]
-        counts = {chunk.level: weights.seen(chunk.level) for chunk in pictures}
+        counts = {chunk.level: weights.visible(chunk.level) for chunk in pictures}
         return cls(weighed, pictures, counts, Lookups(crops, [*(chunk for chunk, _ in renders), *pictures]))
 
 
@@ -122,7 +122,7 @@ def gradients_of(model: str, drawn: Drawn, texels: Sequence[Image], pause: Pause
         off *= weight[..., None]
         rows.append(shade_adjoint(model, seen[None], light, view, in_frames(off, chunk.frames))[0])
     others = texels[len(drawn.renders) :]
-    found = picture_slopes(drawn.pictures, others, model, drawn.seen_counts)
+    found = picture_slopes(drawn.pictures, others, model, drawn.visible_counts)
     for picture, seen, slopes in zip(drawn.pictures, others, found, strict=True):
         rows.append(picture.adjoint(model, seen, slopes.by_radiance))
     return rows
@@ -157,7 +157,7 @@ def _curvature(
         by_pair = shade_adjoint(model, np.broadcast_to(seen, (len(turned), *seen.shape)), light, view, turned)
         packed.append(_packed(without_heights(by_pair, seen, model)))
     others = texels[len(drawn.renders) :]
-    found = picture_slopes(drawn.pictures, others, model, drawn.seen_counts)
+    found = picture_slopes(drawn.pictures, others, model, drawn.visible_counts)
     for picture, seen, slopes in zip(drawn.pictures, others, found, strict=True):
         # The lookups of a pixel have equal shares in it, which sum to 1.
         by_lookup = picture.adjoint(model, seen, slopes.combinations(rng)) * np.float32(np.sqrt(picture.parts))

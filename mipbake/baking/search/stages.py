@@ -15,28 +15,26 @@ from functools import partial
 import numpy as np
 
 from mipbake.baking.prefilter import Progress, say
-from mipbake.baking.search.blending import Blend, Gathered, gathered
-from mipbake.baking.search.checkpoint import Checkpoint
+from mipbake.baking.search.blending import Blend, Gathered, between, confirmed, gathered
+from mipbake.baking.search.checkpoint import Checkpoint, Windows, start_of
 from mipbake.baking.search.descent_effort import DescentEffort
 from mipbake.baking.search.forecast import FEWEST, Forecast
 from mipbake.baking.search.ingredients import Ingredient
-from mipbake.baking.search.keeping import Keeping, windows_in
-from mipbake.baking.search.kept_search import Come, start_of
-from mipbake.baking.search.regions import COARSE, TimedRegion, timed_regions
-from mipbake.baking.search.settling import between, settle
-from mipbake.baking.search.sitting import ONLY, Sitting, Stop, spoken_time
-from mipbake.baking.search.texel_descent import Descent, RegionState, Watch, descend
+from mipbake.baking.search.regions import COARSE, TimedRegion, timed_regions, window
+from mipbake.baking.search.sitting import ONLY, Sitting, spoken_time
+from mipbake.baking.search.texel_descent import Descent, descend
 from mipbake.base import memory
-from mipbake.material import MODELS, directions
-from mipbake.quality.judging.judge import Asked, Judge
+from mipbake.material import directions
+from mipbake.quality.judging.judge import Baseline, Judge
 from mipbake.quality.judging.probes import ProbeEffort
-from mipbake.quality.judging.scores import Array, Score
+from mipbake.quality.judging.scores import Score
+from mipbake.quality.judging.terms import TERMS, Array, Term
 from mipbake.quality.judging.weights import Weights
 from mipbake.quality.reference.problem import Image, Problem
 
 # Most of the time that ingredients take; in a large set, an ingredient that takes longer is left out.
 _BAKING = 0.75
-_SETTLING = 0.04  # share of the time left after the blend, for judging what was gained
+_CHECKING = 0.04  # share of the time left after the blend, for judging what was gained
 _SOLVED_DB = 60.0  # SNR from which a level is left alone: its error is far below what 8 bits resolve
 
 
@@ -86,7 +84,7 @@ class Search:
     Args:
         gathered: the ingredients. start: a stack made of them. levels: what became of it.
         before: what the judge's renders say of the start. kept: how much of each level's change was kept.
-        come: how far an earlier sitting has come with the levels; None where there was none.
+        done: regions that an earlier run of the program has optimised, by their indices.
         stopped: whether somebody stopped it before it was done.
     """
 
@@ -96,7 +94,7 @@ class Search:
     before: list[Score] = field(default_factory=list)
     levels: list[Image] = field(default_factory=list)
     kept: list[float] = field(default_factory=list)
-    come: Come | None = None
+    done: frozenset[int] = frozenset()
     stopped: bool = False
 
     @property
@@ -176,120 +174,86 @@ class Descend:
     trust: float
     coarse: int = COARSE
 
-    def regions(self, problem: Problem) -> list[TimedRegion]:
-        """All regions, those without anything to do as well."""
-        return list(timed_regions(problem, self.effort.window, self.fine, self.coarse))
-
     def __call__(self, search: Search, progress: Progress) -> Search:
         """See Stage."""
         work, start = search.work, search.blend
         problem, last = work.problem, work.problem.last
         worst = np.array([score.decibels.min() for score in search.before])
         moving = [bool((worst[max(0, 2 * i - 1) : 2 * i + 2] < _SOLVED_DB).any()) for i in range(last + 1)]
-        every = self.regions(problem)
+        every = list(timed_regions(problem, self.effort.window, self.fine, self.coarse))
         todo = [index for index, timed in enumerate(every) if any(moving[i] for i in timed.region.levels)]
         moved = {i for index in todo for i in every[index].region.levels}
         levels = [
             memory.copied(level) if i in moved and level is start.levels[i] else level
             for i, level in enumerate(search.levels)
         ]
-        descent = Descent(problem, moving, self.effort, self.trust, work.judged_by, start.typical) if todo else None
+        descent = Descent(problem, moving, self.effort, self.trust, work.judged_by, start.typical)
         end = work.clock.until(1.0)
         if work.clock.timed:
-            end -= _SETTLING * max(0.0, end - time.monotonic())
-        come = search.come or Come((), -1)
-        kept = Keeping(work.checkpoint, problem, start, every, levels, come, work.clock.began)
+            end -= _CHECKING * max(0.0, end - time.monotonic())
         total, stopped = sum(every[index].share for index in todo), False
-        left = False  # whether the region at work is kept
-        ahead = [index for index in todo if index not in kept.done]
+        ahead = [index for index in todo if index not in search.done]
         forecast = Forecast(
             problem, self.effort, every, ahead, work.clock.began, work.clock.seconds, end, work.sitting.told
         )
+        done: dict[int, Windows] = {}
+        seconds = time.monotonic() - work.clock.began
+
+        def keep(now: bool = False) -> None:
+            if work.checkpoint is not None:
+                work.checkpoint.keep(start, levels, done, seconds, now)
+
         with work.sitting.descending() as stop:
+            if ahead:
+                keep()
             for turn, index in enumerate(todo):
-                if index in kept.done or descent is None:
+                if index in search.done:
                     continue
-                stopped = stopped or stop()
-                if stopped and index != kept.waiting:  # rounds that a sitting left are looked at all the same
-                    continue
-                timed, now, state = every[index], time.monotonic(), kept.taken(index)
-                used = state.seconds if state else 0.0
-                rest = sum(every[each].share for each in todo[turn:] if each not in kept.done)
-                # What a region has used already is a part of what it gets.
-                share = (max(0.0, end - now) + used) * timed.share / rest - used
-                until = now + max(0.0, share) if work.clock.timed else math.inf
-                if state is None and work.clock.timed and until - now <= FEWEST * forecast.round_seconds(index):
+                stopped = stop()
+                if stopped:
+                    break
+                timed, now = every[index], time.monotonic()
+                after = [each for each in todo[turn + 1 :] if each not in search.done]
+                share = max(0.0, end - now) * timed.share / sum(every[each].share for each in (index, *after))
+                until = now + share if work.clock.timed else math.inf
+                if work.clock.timed and share <= FEWEST * forecast.round_seconds(index):
                     continue
                 passed = sum(every[each].share for each in todo[:turn]) / total
                 told = _RegionProgress(progress, work.progress, timed, passed, total, last)
                 rng = np.random.default_rng([work.seed, 3, turn])
-                after = [each for each in todo[turn + 1 :] if each not in kept.done]
-                watch = _RegionWatch(kept, index, stop, forecast, after)
-                forecast.begun(index, state.rounds if state else 0, until)
-                descend(descent, levels, timed.region, rng, until, told, watch.made(state))
-                if watch.was_left:
-                    stopped = left = True
-                    continue
-                kept.done.add(index)
-                kept.keep(index)
-        if stopped and not left:
-            kept.keep(-1, now=True)
+                worked = partial(forecast.worked, todo=after)
+                forecast.begun(index, until)
+                _, stopped = descend(descent, levels, timed.region, rng, until, told, stop, worked)
+                if stopped:
+                    break
+                done[index] = {level: window(timed.region, problem.sizes[level]) for level in timed.region.levels}
+                seconds = time.monotonic() - work.clock.began
+                keep()
+        if stopped:
+            keep(now=True)
         return replace(search, levels=levels, stopped=stopped)
 
 
-def gone_on(work: Work, effort: ProbeEffort, descend: Descend) -> Search:
+def resumed(work: Work, effort: ProbeEffort) -> Search:
     """A search from where its checkpoint has it, or from the beginning.
 
     Args:
-        effort: of the renders that judge, as `Gather` has it. descend: the stage that is kept.
+        effort: of the renders that judge, as `Gather` has it.
     """
-    checkpoint, problem = work.checkpoint, work.problem
-    if checkpoint is None:
-        return Search(work)
-    shapes = [(*size, MODELS[problem.target].channels) for size in problem.sizes]
-    kept = checkpoint.load(shapes, partial(windows_in, problem, descend.regions(problem)))
-    if kept is None:
+    kept = None if work.checkpoint is None else work.checkpoint.load()
+    if work.checkpoint is None or kept is None:
         return Search(work)
     spent = spoken_time(kept.seconds) + (f" of {spoken_time(work.clock.seconds)}" if work.clock.timed else "")
-    work.sitting.told(f"going on from the checkpoint {checkpoint.path}, after {spent}")
-    start = start_of(kept.start, problem, effort, work.judged_by, work.seed)
+    work.sitting.told(f"going on from the checkpoint {work.checkpoint.path}, after {spent}")
+    start = start_of(kept, work.problem, effort, work.judged_by, work.seed)
     before = start.check.of_stack(start.levels)
     work = replace(work, clock=replace(work.clock, began=work.clock.began - kept.seconds))
-    return Search(work, None, start, before, kept.levels, _none(start), kept.come)
+    return Search(work, None, start, before, kept.levels, _none(start), kept.done)
 
 
 def _none(start: Blend) -> list[float]:
     """That nothing is kept of any change."""
     return [0.0] * len(start.levels)
-
-
-@dataclass
-class _RegionWatch:
-    """Watches the descent in a region: keeps it, and tells whether it was left before it was done.
-
-    Args:
-        index: of the region. after: regions that come after it.
-    """
-
-    kept: Keeping
-    index: int
-    stop: Stop
-    forecast: Forecast
-    after: Sequence[int]
-    was_left: bool = False
-
-    def made(self, start: RegionState | None) -> Watch:
-        """What the descent is given."""
-        return Watch(start, self.stop, self._worked, self._left)
-
-    def _worked(self, rounds: int, state: Callable[[], RegionState]) -> None:
-        self.forecast.worked(rounds, self.after)
-        if self.kept.due:
-            self.kept.keep(self.index, state())
-
-    def _left(self, state: RegionState | None) -> None:
-        self.was_left = True
-        self.kept.keep(self.index, state, now=True)
 
 
 @dataclass(frozen=True)
@@ -332,13 +296,13 @@ class Keep:
             return between(*cache[index, level], kept, problem.target)
 
         # Nothing becomes worse than the start, which itself was held against every closed form that looks fine.
-        asked = [
-            Asked(score.log_errors, score.pooled, _worse(before.seen, score.seen), before.plain)
-            for before, score in zip(start.judge.asked, search.before, strict=True)
+        baselines = [
+            Baseline({name: _allowed(term, before.values[name], score) for name, term in TERMS.items()}, before.plain)
+            for before, score in zip(start.judge.baselines, search.before, strict=True)
         ]
-        kept = settle(Judge(asked, search.work.judged_by), check, texels, len(changed))
-        kept = [much if moved else 0.0 for much, moved in zip(kept, changed, strict=True)]
-        levels = [_level_between(*each, much, problem.target) for each, much in zip(both, kept, strict=True)]
+        kept = confirmed(Judge(baselines, search.work.judged_by), check, texels, len(changed))
+        kept = [share if moved else 0.0 for share, moved in zip(kept, changed, strict=True)]
+        levels = [_level_between(*each, share, problem.target) for each, share in zip(both, kept, strict=True)]
         progress(1.0)
         return replace(search, levels=directions.aligned(levels, problem.target, problem.wrap), kept=kept)
 
@@ -353,6 +317,8 @@ def _level_between(first: Image, second: Image, kept: float, model: str) -> Imag
     return out
 
 
-def _worse(first: Array, second: Array) -> Array:
-    """(V, N) of each kind the rows whose mean is higher."""
-    return np.where((first.mean(-1) > second.mean(-1))[:, None], first, second)
+def _allowed(term: Term, before: Array, start: Score) -> Array:
+    """(N,) values of a term that must not become worse: of the start or, of pictures, the baseline that it was held
+    against, whichever is worse."""
+    own = term.values(start)
+    return before if term.visible and before.mean() > own.mean() else own

@@ -13,11 +13,10 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,8 +29,9 @@ from mipbake.baking.search.pair_weights import PairWeights
 from mipbake.baking.search.picture_samples import PictureChunk, picture_chunks, texels_around
 from mipbake.baking.search.pixel_samples import Chunk, Lobes, common_pairs, estimates, own_pairs
 from mipbake.baking.search.rounds import Held
-from mipbake.quality.judging.judge import Asked, Judge
-from mipbake.quality.judging.scores import Errors, Scores, spoken_snr
+from mipbake.baking.search.sitting import Stop, never
+from mipbake.quality.judging.judge import Baseline, Judge
+from mipbake.quality.judging.scores import Errors, Scores, snr_text
 from mipbake.quality.judging.weights import SINGLE_LIGHTS, Weights
 from mipbake.quality.reference.problem import Image, Problem, Region
 
@@ -45,6 +45,10 @@ _OWN_PAIRS = 3  # levels whose pixels have pairs of their own
 # Times as many common pairs, at most; where pixels are more than this, fewer.
 _COMMON, _COMMON_PIXELS = 4, 2048
 _LEAST_PIXELS = 128  # pixels of a level and round: the coarsest levels have a texel or two
+
+
+class Stopped(Exception):  # noqa: N818  it is no error
+    """A region was left before it was done."""
 
 
 class Descent:
@@ -83,61 +87,6 @@ class Descent:
         return self.lobes[-1].levels[-1][0, 0] if self._typical is None else self._typical
 
 
-class Stopped(Exception):  # noqa: N818  it is no error
-    """A region was left before it was done."""
-
-
-@dataclass(frozen=True, eq=False)
-class TexelState:
-    """How far the texels of a level are in a region, (h, w, ...) each.
-
-    Args:
-        coordinates, inside: where they are now, as coordinates and as stored channels.
-        curvature, mean: what past rounds left. looked: stored channels at the last look. best: at the best look.
-    """
-
-    coordinates: Image
-    inside: Image
-    curvature: Image
-    mean: Image
-    looked: Image
-    best: Image
-
-
-@dataclass(frozen=True, eq=False)
-class RegionState:
-    """How far a descent in a region is, between two rounds: what it goes on from, to the last bit.
-
-    Args:
-        rounds: that were worked. still: looks in a row at which nothing moved. least: what the best look was worth.
-        rng: state of the generator. seconds: that it took so far. texels: level to the state of its texels.
-    """
-
-    rounds: int
-    still: int
-    least: float
-    rng: Mapping[str, Any]
-    seconds: float
-    texels: Mapping[int, TexelState]
-
-
-@dataclass(frozen=True)
-class Watch:
-    """What a descent in a region is told and asked.
-
-    Args:
-        start: where it goes on; None for the beginning.
-        stop: asked many times in a round whether to leave.
-        worked: told after each round how many there were, and what makes the state.
-        left: told the state where it was left before it was done; None for before the first round.
-    """
-
-    start: RegionState | None = None
-    stop: Callable[[], bool] = lambda: False
-    worked: Callable[[int, Callable[[], RegionState]], None] = lambda _rounds, _state: None
-    left: Callable[[RegionState | None], None] = lambda _: None
-
-
 def descend(
     descent: Descent,
     levels: list[Image],
@@ -145,25 +94,27 @@ def descend(
     rng: np.random.Generator,
     deadline: float = math.inf,
     progress: Progress = lambda _: None,
-    watch: Watch = Watch(),
-) -> int:
+    stop: Stop = never,
+    worked: Callable[[int], None] = lambda _: None,
+) -> tuple[int, bool]:
     """Optimises the texels of a region, until looks at other renders of it see no gain.
 
     Args:
         levels: (H_L, W_L, C) the stack, changed in place inside the region.
         deadline: time.monotonic() after which no round begins.
         progress: where it takes notes, it is told the SNR at each look.
-        watch: what it goes on from, and who may stop it. Inside the region, levels are as before its first round.
+        stop: asked many times in a round whether to end with the best look. worked: told after each round how many
+            there were.
 
     Returns:
-        The rounds that were worked.
+        The rounds that were worked, and whether it was stopped before it was done.
     """
-    work = _Working(descent, levels, region, rng, progress, watch.start)
-    began = time.monotonic() - (watch.start.seconds if watch.start else 0.0)
-    effort, looked = descent.effort, work.done % CHECK == 0
+    work = _Working(descent, levels, region, rng, progress)
+    began, effort = time.monotonic(), descent.effort
+    looked, stopped = True, False
 
     def pause() -> None:
-        if watch.stop():
+        if stop():
             raise Stopped
 
     def draw(turn: int) -> tuple[list[tuple[Chunk, Image]], list[PictureChunk]]:
@@ -171,9 +122,7 @@ def descend(
 
     # What a round is fitted to does not hang on where the texels are: it is drawn while the last one is worked on.
     with ThreadPoolExecutor(1) as ahead_of_time:
-        begin = bool(work.free) and work.still < _STILL and work.done < effort.rounds
-        begin = begin and (not work.done or time.monotonic() < deadline)
-        drawn = ahead_of_time.submit(draw, work.done) if begin else None
+        drawn = ahead_of_time.submit(draw, 0) if work.free and effort.rounds else None
         try:
             while drawn is not None:
                 started = time.monotonic()
@@ -194,26 +143,20 @@ def descend(
                     if drawn is not None:
                         drawn.cancel()
                     break
-                watch.worked(work.done, lambda: work.state(time.monotonic() - began))
+                worked(work.done)
         except Stopped:
-            watch.left(work.state(time.monotonic() - began) if work.done else None)
+            stopped = True
     if not looked:  # rounds that nobody has looked at yet may be the best
         work.look()
     work.finish()
-    return work.done
+    return work.done, stopped
 
 
 class _Working:
     """A descent at work in a region: what `descend` has of its texels, from round to round."""
 
     def __init__(
-        self,
-        descent: Descent,
-        levels: list[Image],
-        region: Region,
-        rng: np.random.Generator,
-        progress: Progress,
-        start: RegionState | None,
+        self, descent: Descent, levels: list[Image], region: Region, rng: np.random.Generator, progress: Progress
     ) -> None:
         self._descent, self._levels, self._region, self._rng = descent, levels, region, rng
         self._progress = progress
@@ -228,50 +171,19 @@ class _Working:
             crop.move(crop.coordinates)
         self._scores = _looks(problem, region, descent.effort, int(rng.integers(1 << 31)))
         errors = self._scores.stack_errors(levels)
-        self._judge = Judge([Asked.of(each.score) for each in errors], descent.judged_by)
+        self._judge = Judge([Baseline.of(each.score) for each in errors], descent.judged_by)
         self.weights = PairWeights(self._scores, self._judge, descent.typical)
         self.weights.update(errors)
         self._helds = {i: Held() for i in self.free}
         self._last = _values(self._judge, errors)
         self._least, self._best = self._last.sum(), _within(levels, self.free)
         self.done, self.still, self.seed = 0, 0, int(rng.integers(1 << 31))
-        if start is not None:
-            self._go_on(start)
-
-    def _go_on(self, start: RegionState) -> None:
-        self.done, self.still, self._least = start.rounds, start.still, start.least
-        self._rng.bit_generator.state = start.rng
-        for i, crop in self.free.items():
-            texels = start.texels[i]
-            crop.put(texels.coordinates, texels.inside)
-            self._helds[i] = Held(texels.curvature, texels.mean)
-            self._levels[i][crop.window], self._best[i] = texels.looked, texels.best
-        errors = self._scores.stack_errors(self._levels)
-        self.weights.update(errors)
-        self._last = _values(self._judge, errors)
-
-    def state(self, seconds: float) -> RegionState:
-        """What a descent can go on from."""
-        texels = {}
-        for i, crop in self.free.items():
-            held, looked = self._helds[i], self._levels[i][crop.window].copy()
-            assert held.curvature is not None and held.mean is not None
-            texels[i] = TexelState(crop.coordinates, crop.inside, held.curvature, held.mean, looked, self._best[i])
-        rng = self._rng.bit_generator.state
-        return RegionState(self.done, self.still, float(self._least), rng, seconds, texels)
 
     def round(self, renders: Sequence[tuple[Chunk, Image]], pictures: list[PictureChunk], pause: rounds.Pause) -> None:
-        """One round; where it is stopped, all is as it was before the round."""
-        before = {i: (crop.coordinates, crop.now, replace(self._helds[i])) for i, crop in self.free.items()}
-        rng, effort = self._rng.bit_generator.state, self._descent.effort
-        try:
-            drawn = rounds.Drawn.of(self.crops, renders, self.weights, pictures)
-            rounds.work(self.free, self._helds, drawn, effort.steps, self._descent.trust, self.done, self._rng, pause)
-        except Stopped:
-            for i, crop in self.free.items():
-                crop.coordinates, crop.now, self._helds[i] = before[i]
-            self._rng.bit_generator.state = rng
-            raise
+        """One round; where it is abandoned, `look` does not see what it did."""
+        drawn = rounds.Drawn.of(self.crops, renders, self.weights, pictures)
+        descent = self._descent
+        rounds.work(self.free, self._helds, drawn, descent.effort.steps, descent.trust, self.done, self._rng, pause)
         self.done += 1
 
     def look(self) -> None:
@@ -284,7 +196,7 @@ class _Working:
         errors = scores.stack_errors(levels)
         self.weights.update(errors)
         now = _values(self._judge, errors)
-        say(self._progress, spoken_snr(np.mean([each.score.decibels for each in errors], 0)))
+        say(self._progress, snr_text(np.mean([each.score.decibels for each in errors], 0)))
         gains = _per_level(self._last - now, self._region, scores.lods)
         self._last = now
         if now.sum() < self._least:

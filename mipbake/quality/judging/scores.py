@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from mipbake.quality.judging.pairs import KINDS
 from mipbake.quality.judging.probes import Probe, ProbeEffort, mean_squares, probe
+from mipbake.quality.judging.terms import TERMS, Array
 from mipbake.quality.metrics.pairs import PAIR_SETS
 from mipbake.quality.metrics.visible import VisibleError
 from mipbake.quality.reference.estimate import bilinear
@@ -22,15 +23,12 @@ from mipbake.quality.reference.problem import Image, Problem, Region, whole
 from mipbake.quality.samplers import mean_of_frames
 from mipbake.shading import shade
 
-Array = NDArray[np.float64]
-
 DECIBEL = 10 / math.log(10)  # in a neper of energy: not tuned
 UNLIT = 1e-12  # mean square radiance below which nothing is seen
 _STREAM = 15485863  # keeps these pairs apart from every set that pair_set draws; a seed
 _FLOOR = 1e-7  # error in units of the signal that is as good as none
 # Share of the reference's noise energy below which an error is chance (metrics.snr); of that measure: not tuned here.
 _RESOLVED = 0.01
-_UNSURE = 0.35  # standard error of a logarithm
 _RADIANCES = 1 << 16  # at a time: they stay in the cache
 
 
@@ -43,22 +41,17 @@ class Score:
         pooled: (2 S, H) of the energy of the errors under bright pairs of each kind relative to the energy of the
             signal; values whose mean is its logarithm, and whose scatter says how sure (Tukey's pseudo-values, the
             jackknife over groups, moved to that mean).
-        seen: (V, N) VisibleError.pseudo_values of each kind of small pictures: their mean is the log of the error.
+        visible: (V, N) VisibleError.pseudo_values of each kind of small pictures: their mean is the log of the error.
     """
 
     log_errors: Array
     pooled: Array
-    seen: Array
-
-    @property
-    def rows(self) -> list[Array]:
-        """All rows: first the rows of log_errors, then the rows of pooled."""
-        return [*self.log_errors, *self.pooled]
+    visible: Array
 
     @property
     def terms(self) -> Array:
-        """(T,) the terms of weights.TERMS: means of the rows, and seen."""
-        return np.concatenate([self.log_errors.mean(-1), self.pooled.mean(-1), self.seen.mean(-1)])
+        """(T,) values of TERMS."""
+        return np.array([term.value(self) for term in TERMS.values()])
 
     @property
     def decibels(self) -> Array:
@@ -73,18 +66,18 @@ class Errors:
     Args:
         probe: where.
         squares: (G, K) mean square error of every pair over points and colours, without the noise of the reference.
-        seen: of small pictures.
+        visible: of small pictures.
     """
 
     probe: Probe
     squares: Array
-    seen: VisibleError
+    visible: VisibleError
 
     @property
     def score(self) -> Score:
         """Logarithms of the errors, group by group."""
         probe, energies = self.probe, self.probe.energies(self.squares)
-        return Score(np.log(_relative(energies, probe)), _pseudo_values(energies, probe), self.seen.pseudo_values)
+        return Score(np.log(_relative(energies, probe)), _pseudo_values(energies, probe), self.visible.pseudo_values)
 
     def slopes(self, by_log: Array, by_pooled: Array) -> Array:
         """(S, G) derivatives by the energies of groups of what hangs on the score.
@@ -205,15 +198,6 @@ def between_levels(seen: Sequence[Image]) -> Image:
     return seen[0] if len(seen) == 1 else np.asarray((seen[0] + seen[1]) / 2, np.float32)
 
 
-def certainty(rows: Array) -> Array:
-    """(...,) of rows (..., H) of pseudo-values: 1 for a mean that is known, 1/2 where its standard error is _UNSURE.
-
-    Highlights of polished tiles are seen by one pair in thousands, and the few bright pairs that hit them say anything.
-    """
-    error = rows.std(-1) / math.sqrt(max(1, rows.shape[-1] - 1))
-    return np.asarray(1 / (1 + np.square(error / _UNSURE)))
-
-
 def blocks(probe: Probe) -> list[slice]:
     """Groups of a probe that are rendered at a time."""
     groups, pairs, points, _ = probe.mean.shape
@@ -221,7 +205,7 @@ def blocks(probe: Probe) -> list[slice]:
     return [slice(start, start + step) for start in range(0, groups, step)]
 
 
-def spoken_snr(snr: Array) -> str:
+def snr_text(snr: Array) -> str:
     """`near-mirror 21.3 dB, hemisphere 24.1 dB`."""
     return ", ".join(f"{name} {value:.1f} dB" for name, value in zip(PAIR_SETS, snr, strict=True))
 
