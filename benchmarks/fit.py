@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from fit_tables import FITTED, MEASURES, METHODS, OTHERS, STAGES, START, cost_table, stages_table, table, words
+from fit_tables import FITTED, METHODS, OTHERS, STAGES, START
 from numpy.typing import NDArray
 from PIL import Image
 from results_sets import folder_sets, middle
@@ -57,9 +57,6 @@ ESTIMATES = (81, 82)
 
 PICTURED_LOD, PICTURED_SIDE = 4.0, 144
 """Pixels see so many texels that methods differ. The picture is enlarged to about so many pixels a side."""
-
-DIGITS = 5
-"""Significant ones of the figures that are kept."""
 
 Image3 = NDArray[np.float32]
 
@@ -160,7 +157,7 @@ def measured(
                 }
                 for measure, seen in (("snr", np.asarray), ("snr-displayed", lambda x, e=exposure: displayed(x * e)))
             }
-            found.setdefault(scale_of(lod), []).append({"view": view.name, "sums": rounded(sums)})
+            found.setdefault(scale_of(lod), []).append({"view": view.name, "sums": sums})
     return found
 
 
@@ -168,15 +165,6 @@ def exposed(right: NDArray[np.floating]) -> float:
     """What radiance is multiplied by before it is displayed: the median of the reference is shown at 0.375."""
     lit = right[right > 0]
     return 0.6 / float(np.median(lit)) if lit.size else 1.0
-
-
-def rounded(value: Any) -> Any:
-    """The same, with few digits."""
-    if isinstance(value, dict):
-        return {name: rounded(each) for name, each in value.items()}
-    if isinstance(value, list):
-        return [rounded(each) for each in value]
-    return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
 
 
 def strip(renderer: Renderer, stacks: Mapping[str, MipStack], texture_set: TextureSet, effort: Effort) -> Image.Image:
@@ -262,7 +250,7 @@ def one(
     began = time.monotonic()
     scales = measured(renderer, stacks, texture_set, effort)
     seconds = {"baking": baking, **about.pop("seconds"), "measuring": time.monotonic() - began}
-    return {"size": [texture_set.height, texture_set.width], **about, "seconds": rounded(seconds), "scales": scales}
+    return {"size": [texture_set.height, texture_set.width], **about, "seconds": seconds, "scales": scales}
 
 
 def kept(path: Path, effort: Effort) -> dict[str, Any]:
@@ -276,7 +264,7 @@ def kept(path: Path, effort: Effort) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Measures what RESULTS does not hold yet, and prints tables."""
+    """Measures what RESULTS does not hold yet."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--materials", nargs="+", required=True, metavar=("MATERIALS", "SET"))
     parser.add_argument("--results", type=Path, required=True)
@@ -305,8 +293,6 @@ def main() -> None:
                 found[name] = one(renderer_name, renderer, texture_set_of(sets[name], effort), effort, options.pictures)
                 save(options.results, data)
                 print(f"{renderer_name}, {name}: {found[name]['seconds']}", flush=True)
-    parts = [f"{measure}:\n\n{table(data, measure)}\n\n{words(data, measure)}" for measure in MEASURES]
-    print(*parts, stages_table(data, MEASURES[-1]), cost_table(data), sep="\n\n")
 
 
 def save(path: Path, data: Mapping[str, Any]) -> None:

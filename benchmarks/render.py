@@ -1,4 +1,4 @@
-"""Renders of a mesh: nanoseconds per shaded sample, of candidate and reference and of their parts; prints Markdown.
+"""Renders of a mesh: nanoseconds per shaded sample, of candidate and reference; prints Markdown.
 
     python benchmarks/render.py [--size 256] [--threads 2] [--rounds 9]
 
@@ -26,7 +26,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=9)
     options = parser.parse_args()
 
-    from mipbake import _native, raster, sampling, shading
+    from mipbake import _native
     from mipbake.comparing.meshes import mesh_render, shapes
     from mipbake.comparing.meshes.camera import orbit
     from mipbake.material.filtered_source import FilteredSource
@@ -54,28 +54,9 @@ def main() -> None:
     def reference() -> None:
         mesh_render.reference(shot, source, 0, [frame], mesh_render.Passes(least=passes, most=passes))
 
-    mesh, camera, surface = shot.mesh, shot.camera, shot.surface
-    clip = camera.to_clip(mesh.positions, resolution)[None]
-    points = surface.seen()
-    texels = sampling.texture(level[None], points.uv[None, None], filter_mode="linear", boundary_mode=wrap)[0, 0]
-    up = np.array([[0.0, 0.6, 0.8]], np.float32)
-    shared = np.repeat(up[None], lights, 1)
-    own = np.ascontiguousarray(np.broadcast_to(up, (1, lights, covered, 3)))
     calls: dict[str, tuple[Callable[[], object], int]] = {
         "candidate": (candidate, 1),
         f"reference, {passes} passes": (reference, passes),
-        "of a pass: rasterising": (lambda: raster.rasterize(None, clip, mesh.triangles, resolution), 1),
-        "of a pass: that, interpolation and tangent frames": (lambda: list(surface.bands((0.0, 0.0))), 1),
-        "of a pass: lookups": (
-            lambda: sampling.texture(level[None], points.uv[None, None], filter_mode="linear", boundary_mode=wrap),
-            1,
-        ),
-        "of a pass: shading, all lights of a point at once": (
-            lambda: shading.shade_lit("gltf", texels, points.frame, points.view, lighting.direction, lighting.radiance),
-            1,
-        ),
-        "`shade`, directions that all pixels share": (lambda: shading.shade("gltf", texels, shared, shared), 1),
-        "`shade`, directions of each pixel's own": (lambda: shading.shade("gltf", texels, own, own), 1),
     }
     print(f"{covered:,} covered pixels of {options.size} x {options.size}, {lights} lights, {options.threads} threads;")
     print(f"{_native.isa()}, {cpu_name()}\n")

@@ -1,6 +1,6 @@
 """Shading with its gradient: mipbake.shading.ops against the plain torch twin, in one run; prints Markdown.
 
-    python benchmarks/shading.py [--threads 2] [--rounds 7]
+    python benchmarks/shading.py [--threads 1] [--rounds 7]
 
 One evaluation is one texel of `ggx` under one light-view pair, 11 stored channels; the default size is the batch of
 Kemppinen et al. 2023, 64 pairs x 5120 texels. Forward + gradient computes the radiance and, from a given gradient of
@@ -84,7 +84,7 @@ def run(threads: int, rounds: int, with_torch: bool, repeats: int) -> dict[str, 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="benchmark of shading with its gradient")
-    parser.add_argument("--threads", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--rounds", type=int, default=7)
     parser.add_argument("--one-set", action="store_true", help=argparse.SUPPRESS)
     parser.add_argument("--with-torch", action="store_true", help=argparse.SUPPRESS)
@@ -96,27 +96,22 @@ def main() -> None:
     print(f"{EVALUATIONS:,} evaluations of `ggx`, 11 channels; {cpu_name()}\n")
     print("| what | instruction set | threads | ns per evaluation | spread | times faster than torch |")
     print("|---|---|---|---|---|---|")
-    for threads in dict.fromkeys((options.threads, 1)):
-        torch_seconds: dict[str, float] = {}
-        measured = []
-        for isa in ISAS:
-            command = [sys.executable, __file__, "--one-set", f"--threads={threads}", f"--rounds={options.rounds}"]
-            command += ["--with-torch"] if isa == ISAS[0] else []
-            environment = {**os.environ, "MIPBAKE_ISA": isa}
-            result = json.loads(subprocess.run(command, env=environment, check=True, stdout=subprocess.PIPE).stdout)
-            if result["isa"] in measured:
-                continue  # the processor lacks this one and took the next
-            measured.append(result["isa"])
-            for name, (median, _) in result["timings"].items():
-                who, what = name.split(", ")
-                torch_seconds.update({what: median} if who == "torch" else {})
-            for name, (median, spread) in result["timings"].items():
-                who, what = name.split(", ")
-                label = result["isa"] if who == "kernel" else f"torch {result['torch']}"
-                each = median / EVALUATIONS * 1e9
-                print(
-                    f"| {name} | {label} | {threads} | {each:.1f} | {spread:.0%} | {torch_seconds[what] / median:.1f} |"
-                )
+    torch_seconds: dict[str, float] = {}
+    measured = []
+    for isa in ISAS:
+        command = [sys.executable, __file__, "--one-set", f"--threads={options.threads}", f"--rounds={options.rounds}"]
+        command += ["--with-torch"] if isa == ISAS[0] else []
+        environment = {**os.environ, "MIPBAKE_ISA": isa}
+        result = json.loads(subprocess.run(command, env=environment, check=True, stdout=subprocess.PIPE).stdout)
+        if result["isa"] in measured:
+            continue  # the processor lacks this one and took the next
+        measured.append(result["isa"])
+        timings = {tuple(name.split(", ")): timing for name, timing in result["timings"].items()}
+        torch_seconds |= {what: median for (who, what), (median, _) in timings.items() if who == "torch"}
+        for (who, what), (median, spread) in timings.items():
+            label = result["isa"] if who == "kernel" else f"torch {result['torch']}"
+            each = f"{median / EVALUATIONS * 1e9:.1f} | {spread:.0%} | {torch_seconds[what] / median:.1f}"
+            print(f"| {who}, {what} | {label} | {options.threads} | {each} |")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Figures 3, 4 and 5 of Deliot, Heitz and Belcour 2024 at a CPU's size. Prints Markdown.
 
-    python benchmarks/stochastic.py [--results FILE] [--pictures FOLDER] [--clock wall] [--seconds 10] [--part 1]
+    python benchmarks/stochastic.py [--clock wall] [--seconds 10]
 
 Figure 3: soups of triangles become a picture. Errors of pixels are credited to the triangles that the pixels show
 (equation 8), or the error of the whole image is credited to all triangles (equation 4). Both ways take as many renders.
@@ -19,14 +19,10 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import json
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from stochastic_meshes import (
     AS_THE_PAPER,
     CLOCKS,
@@ -37,7 +33,7 @@ from stochastic_meshes import (
     by_stochastic_gradients,
     within,
 )
-from stochastic_soups import CREDITS, Fitted, Soup, fit, picture
+from stochastic_soups import CREDITS, Fitted, Soup, fit
 from timing import cpu_name
 
 from mipbake import _native
@@ -74,11 +70,10 @@ PAPER: Mapping[str, Mapping[str, float]] = {
 """Table 3 of the paper: microseconds on an RTX 4090, of one estimate, of the one D of a step, and of a step."""
 
 
-def soups(scale: float, pictures: Path | None) -> dict[str, Any]:
-    """The figures of every soup, and a strip of pictures for each."""
+def soups() -> dict[str, Any]:
+    """The figures of every soup."""
     out: dict[str, Any] = {}
-    for name, whole in SOUPS.items():
-        soup = dataclasses.replace(whole, steps=max(2, round(whole.steps * scale)))
+    for name, soup in SOUPS.items():
         fitted = {credit: fit(soup, credit) for credit in CREDITS}
         equal = min(each.curve[-1][1] for each in fitted.values())
         out[name] = {
@@ -87,9 +82,6 @@ def soups(scale: float, pictures: Path | None) -> dict[str, Any]:
             "equal seconds": equal,
             "credits": {credit: _of_soup(each, equal, soup) for credit, each in fitted.items()},
         }
-        if pictures is not None:
-            images = [picture(soup.side), *(each.image for each in fitted.values())]
-            save(images, pictures / f"stochastic-{soup.triangles}{'-transparent' * (soup.layers > 1)}.png")
     return out
 
 
@@ -99,7 +91,6 @@ def _of_soup(fitted: Fitted, equal: float, soup: Soup) -> dict[str, Any]:
         "curve": fitted.curve,
         "psnr": fitted.curve[-1][2],
         "psnr after equal seconds": fitted.after(equal),
-        "resampled": fitted.resampled,
         "milliseconds": {
             stage: 1e3 * seconds / (soup.steps if stage == "D" else estimates)
             for stage, seconds in fitted.seconds.items()
@@ -107,8 +98,8 @@ def _of_soup(fitted: Fitted, equal: float, soup: Soup) -> dict[str, Any]:
     }
 
 
-def meshes(seconds: float, clock: str, pictures: Path | None) -> dict[str, Any]:
-    """The figures of every mesh, and a strip of pictures for each: wanted, exact, stochastic in the same time."""
+def meshes(seconds: float, clock: str) -> dict[str, Any]:
+    """The figures of every mesh."""
     out: dict[str, Any] = {}
     for name, setting in MESHES.items():
         scene = Scene(setting)
@@ -120,34 +111,13 @@ def meshes(seconds: float, clock: str, pictures: Path | None) -> dict[str, Any]:
             if all(each.curve[-1][1] < wanted for each in longer.values()):
                 longer[times] = by_stochastic_gradients(scene, seconds * times, clock, IN_TURNS)
         out[name] = {
-            **dataclasses.asdict(setting),
-            "triangles": len(scene.triangles),
-            "vertices": len(scene.base),
             "parameters": scene.base.numel() + setting.texture**2 * (3 if setting.kind == "albedo" else 2),
-            "exact": {"curve": exact.curve, "steps": exact.steps},
-            "as the paper": {"curve": paper.curve, "steps": paper.steps, "seconds": paper.seconds},
-            "stochastic": {
-                str(times): {"curve": each.curve, "steps": each.steps, "seconds": each.seconds}
-                for times, each in longer.items()
-            },
+            "runs": [(run.curve[-1][1], run.steps) for run in (exact, paper, *(longer[times] for times in TIMES))],
+            "longest": (max(longer), longer[max(longer)].curve[-1][1]),
             "exact reaches the stochastic end": within(exact.curve, longer[1].curve[-1][1]),
             "within the aim": next((t for t, each in longer.items() if each.curve[-1][1] >= wanted), None),
         }
-        if pictures is not None:
-            held = setting.views
-            with torch.no_grad():
-                shown = [scene.wanted[held], *(scene.exact(e.places, e.texels, held) for e in (exact, longer[1]))]
-            save([each[0].numpy() for each in shown], pictures / f"stochastic-{setting.kind}.png")
     return out
-
-
-def save(images: Sequence[NDArray[np.float32]], path: Path) -> None:
-    """Images beside each other, rows bottom up, as PNG."""
-    from PIL import Image
-
-    strip = np.concatenate(images, 1)[::-1].clip(0, 1)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    Image.fromarray(np.round(strip * 255).astype(np.uint8)).save(path)
 
 
 def soup_tables(found: Mapping[str, Any]) -> str:
@@ -179,7 +149,7 @@ def soup_tables(found: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def mesh_tables(found: Mapping[str, Any], seconds: float, clock: str) -> str:
+def mesh_table(found: Mapping[str, Any], seconds: float) -> str:
     """PSNR over held-out views."""
     ways = [f"exact, {seconds:g} s", f"all at once, {seconds:g} s", *(f"in turns, {t * seconds:g} s" for t in TIMES)]
     lines = [
@@ -188,54 +158,30 @@ def mesh_tables(found: Mapping[str, Any], seconds: float, clock: str) -> str:
         "|---|---|---|---|---|---|" + "---|" * len(TIMES),
     ]
     for name, each in found.items():
-        runs = [each["exact"], each["as the paper"], *(each["stochastic"][str(t)] for t in TIMES)]
         earlier, within_aim = each["exact reaches the stochastic end"], each["within the aim"]
-        longest = max(map(int, each["stochastic"]))
+        longest, psnr = each["longest"]
         reached = f"not in {longest * seconds:g} s" if within_aim is None else f"{within_aim * seconds:g} s"
         if longest not in TIMES:
-            reached += f" ({each['stochastic'][str(longest)]['curve'][-1][1]:.1f} dB)"
+            reached += f" ({psnr:.1f} dB)"
         lines.append(
             f"| {name} | {each['parameters']:,} | "
-            + " | ".join(f"{run['curve'][-1][1]:.1f} dB" for run in runs)
+            + " | ".join(f"{value:.1f} dB, {steps:,} steps" for value, steps in each["runs"])
             + f" | {'not' if earlier is None else f'{earlier:.1f} s'} | {reached} |"
         )
-    lines += ["", f"| share of the {clock} time | " + " | ".join(f"{s:.1%}" for s in _SHARES) + " | steps of Adam |"]
-    lines += ["|---|" + "---|" * (len(_SHARES) + 1)]
-    for name, each in found.items():
-        rows = [each["exact"], each["as the paper"], *(each["stochastic"][str(t)] for t in TIMES)]
-        for way, run in zip(ways, rows, strict=True):
-            times, values = np.transpose(run["curve"])
-            cells = [f"{np.interp(share * times[-1], times, values):.1f} dB" for share in _SHARES]
-            lines.append(f"| {name}, {way} | {' | '.join(cells)} | {run['steps']:,} |")
     return "\n".join(lines)
-
-
-_SHARES = (0.0, 0.125, 0.25, 0.5, 0.75, 1.0)
-"""Of the time that a run has, at which its PSNR is told."""
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--results", type=Path, help="file for all figures, as JSON")
-    parser.add_argument("--pictures", type=Path, help="folder for strips of pictures; none by default")
     parser.add_argument("--clock", choices=tuple(CLOCKS), default="wall", help="of meshes (default: %(default)s)")
     parser.add_argument("--seconds", type=float, default=10.0, help="of exact gradients (default: %(default)s)")
-    parser.add_argument("--part", type=float, default=1.0, help="of the steps of soups (default: %(default)s)")
-    parser.add_argument("--only", choices=("soups", "meshes"), help="one of the two")
     options = parser.parse_args()
     # Images are small: torch's own threads would wait for each other. The native core has threads of its own.
     torch.set_num_threads(1)
     machine = f"{cpu_name()}, {_native.isa()}; {_native.num_threads()} threads; torch {torch.__version__}"
     print(f"{machine}\n", flush=True)
-    found: dict[str, Any] = {"machine": machine, "clock": options.clock, "seconds": options.seconds}
-    if options.only != "meshes":
-        found["soups"] = soups(options.part, options.pictures)
-        print(soup_tables(found["soups"]), flush=True)
-    if options.only != "soups":
-        found["meshes"] = meshes(options.seconds, options.clock, options.pictures)
-        print("\n" + mesh_tables(found["meshes"], options.seconds, options.clock))
-    if options.results is not None:
-        options.results.write_text(json.dumps(found, indent=1), encoding="utf-8")
+    print(soup_tables(soups()), flush=True)
+    print("\n" + mesh_table(meshes(options.seconds, options.clock), options.seconds))
 
 
 if __name__ == "__main__":

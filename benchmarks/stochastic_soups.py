@@ -145,12 +145,10 @@ class SoupRenderer:
 
 @dataclass
 class Fitted:
-    """Of one soup and one way of crediting: (renders, seconds, PSNR) on the way, seconds of stages, the last image."""
+    """Of one soup and one way of crediting: (renders, seconds, PSNR) on the way, and seconds of stages."""
 
     curve: list[tuple[int, float, float]]
     seconds: dict[str, float]
-    image: Floats
-    resampled: int
 
     def after(self, seconds: float) -> float:
         """PSNR at a time."""
@@ -170,7 +168,7 @@ def fit(soup: Soup, credit: str, seed: int = 0, measured: int = 20) -> Fitted:
     values = soup.drawn(soup.triangles, generator)
     gradient, moments, sides = np.zeros_like(values), Moments.of(values), (values.copy(), values.copy())
     everything = stochastic.contributions(np.arange(soup.triangles, dtype=np.int32)[None])
-    curve, resampled = [(0, 0.0, psnr(renderer.render(values)[0][0], wanted))], 0
+    curve = [(0, 0.0, psnr(renderer.render(values)[0][0], wanted))]
     for step in range(soup.steps):
         moved = np.zeros(soup.triangles, bool)
         for number in range(step * soup.estimates, (step + 1) * soup.estimates):
@@ -190,14 +188,14 @@ def fit(soup: Soup, credit: str, seed: int = 0, measured: int = 20) -> Fitted:
         with clock.stage("D"):
             elements = np.flatnonzero(moved).astype(np.int32)
             stochastic.descend(values, gradient, moments, channels, 1.0, elements)
-            resampled += resample(soup, values, moments, generator)
+            resample(soup, values, moments, generator)
         if (step + 1) * measured // soup.steps > step * measured // soup.steps:
             image = renderer.render(values)[0][0]
             curve.append(((step + 1) * soup.estimates * 2, clock.total, psnr(image, wanted)))
-    return Fitted(curve, clock.spent, renderer.render(values)[0][0].reshape(soup.side, soup.side, 3), resampled)
+    return Fitted(curve, clock.spent)
 
 
-def resample(soup: Soup, values: Floats, moments: Moments, generator: np.random.Generator) -> int:
+def resample(soup: Soup, values: Floats, moments: Moments, generator: np.random.Generator) -> None:
     """Triangles of less than half a pixel (a guess) begin again at another place, in their colour (section 5)."""
     a, b, c = (values[:, 3 * corner : 3 * corner + 2] for corner in range(3))
     (x, y), (s, t) = (b - a).T, (c - a).T
@@ -206,4 +204,3 @@ def resample(soup: Soup, values: Floats, moments: Moments, generator: np.random.
     arrays: tuple[Any, ...] = (moments.first, moments.second, moments.steps)
     for array in arrays:
         array[thin] = 0
-    return len(thin)

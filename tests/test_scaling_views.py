@@ -79,8 +79,3 @@ def test_library(views: ModuleType) -> None:
     assert "the same files, byte for byte (900 files)" in told
     found["same on cluster"] = False
     assert "All ways left other files" in " ".join(views.library_words(Records(library=found)).split())
-
-
-def test_every_block_has_a_view(views: ModuleType) -> None:
-    text = "".join((ROOT / "docs" / page).read_text() for page in ("scaling.md", "pipeline.md"))
-    assert [name for name in views.SCALING_VIEWS if f"<!-- record:{name} -->" not in text] == []

@@ -58,10 +58,10 @@ _REASONS = """\
 A material that is the same everywhere needs no filter: every level is the material itself. What a network makes of it
 is off by what the network loses when it encodes and decodes. Below is the mean SNR of {texels} texels of every set,
 each as a texture of its own. Averages are exact there, and so is a network that changes averages alone, as the default
-one does. The paper's network has to carry every channel through its latent code. That is what is seen near, where bumps
-are hardly averaged yet, and on generated lobes. It is not all: on real sets MIPNet errs as much, and is ahead in the
-middle and far away. It was trained with another loss. [Research](research.md#under-the-papers-loss) has a MIPNet under
-the paper's loss.
+one does. The paper's network has to carry every channel through its latent code. That is the error near the viewer,
+where bumps are hardly averaged yet, and on generated lobes. It is not all: on real sets MIPNet errs as much, and is
+ahead in the middle and far away. It was trained with another loss. [Research](research.md#under-the-papers-loss) has a
+MIPNet under the paper's loss.
 """
 
 _MISSING = "This was not measured with this version.\n"

@@ -56,7 +56,7 @@ generator, and no training saw them. The reference is the same for both targets.
 _LIMIT = """\
 On the middle {side} x {side} texels of each of {sets} sets, every texel of every level is optimised against the
 reference (`mipbake bake --method optimum`). This shows what a stack of one lobe a texel can reach. It is a lower bound
-of that limit. The descent ends after 40 rounds, settled or not, and pairs that are not in this table decide what it
+of that limit. The descent ends after 40 rounds, and pairs that are not in this table decide what it
 keeps. {shortfall} The closed gap is how much of the way from the best of four to the optimum a method goes. `refine`
 has the time that two minutes for a set of 512 x 512 texels leave for so many texels.
 """

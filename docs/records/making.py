@@ -30,9 +30,11 @@ def renewed(root: Path = ROOT, folder: Path = FOLDER) -> dict[Path, bytes | None
     made: dict[str, bytes | None] = {}
     for page in pages(root):
         text = _FILE.sub(lambda found: _quoted(root, *found.groups()), (root / page).read_text(encoding="utf-8"))
-        names = list(dict.fromkeys(name for each in blocks(text) for name in _records(each)))
-        words = release(names, records) if names else None
-        made[page] = filled(text, lambda name: words if name == RELEASE else block(name, records)).encode()  # noqa: B023
+        parts = {name: block(name, records) for name in blocks(text) if name != RELEASE}
+        names = dict.fromkeys(each for name, part in parts.items() if part is not None for each in _records(name))
+        if parts:
+            parts[RELEASE] = release([*names], records)
+        made[page] = filled(text, parts.get).encode()
     for page, (names, whole) in _WHOLE.items():
         try:
             records[names[0]]
@@ -53,8 +55,6 @@ def _quoted(root: Path, opening: str, name: str, closing: str) -> str:
 def _records(block: str) -> list[str]:
     """Names of the records that a block is made from, as far as its own name tells."""
     name = block.partition("/")[0]
-    if block == RELEASE:
-        return []
     return [each for each in KNOWN if each.startswith("fitting-")] if name == "fitting" else [name]
 
 

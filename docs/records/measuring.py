@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import json
-import resource
 import shutil
 import subprocess
 import sys
@@ -30,9 +29,10 @@ def measure(name: str, known: Known, materials: Path | None, root: Path = ROOT) 
     check_built(root)
     work = root / "build" / "records" / name
     work.mkdir(parents=True, exist_ok=True)
-    before = _processor_seconds()
+    clock = script("benchmarks", "results").processor_seconds
+    before = clock()
     data = _run(name, known, materials, work, root)
-    seconds = _processor_seconds() - before
+    seconds = clock() - before
     for picture in (each for each in work.iterdir() if known.pictures and each.suffix in (".png", ".webp")):
         shutil.move(picture, root / known.pictures / picture.name)
     if name.startswith("results-"):
@@ -89,9 +89,3 @@ def _run(name: str, known: Known, materials: Path | None, work: Path, root: Path
 
 def _kind(name: str) -> str:
     return name.removeprefix("results-")
-
-
-def _processor_seconds() -> float:
-    """Processor time of this process and of the processes that it has started and seen end."""
-    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-    return sum(each.ru_utime + each.ru_stime for each in used)

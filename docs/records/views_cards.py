@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from mipbake.models.registry import list_weights
 from mipbake.quality.metrics import PAIR_SETS
+from records.record import Missing
 from records.results import File, unpack
 from records.wrapping import table, wrapped
 
@@ -24,7 +25,7 @@ def by_filter(weights: str) -> Callable[[Records], str]:
             if any(m["name"] == "neural" and m["weights"] == weights for m in file["methods"])
         ]
         if not files:
-            return "Not measured yet."
+            raise Missing(weights)
         sets, side = sorted({file["set"] for file in files}), files[0]["crop"]
         parts = [
             wrapped(
