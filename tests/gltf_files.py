@@ -18,7 +18,8 @@ from mipbake.source.images.ktx2 import encoded as ktx2_file
 
 from .input_files import encoded, height_field, write_image
 
-FLOAT, SHORT = 5126, 5123
+CODES = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 5126}
+TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
 DRACO = bytes(range(7, 107))
 """Opaque bytes: nothing here decodes them."""
 
@@ -76,14 +77,10 @@ class GltfFile:
 
     def accessor(self, values: np.ndarray, **more: Any) -> int:
         rows = values.reshape(len(values), -1)
-        target = 34963 if values.dtype == np.uint16 else 34962
-        accessor = {
-            "bufferView": self.view(rows.tobytes(), target=target),
-            "componentType": SHORT if values.dtype == np.uint16 else FLOAT,
-            "count": len(rows),
-            "type": {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}[rows.shape[1]],
-        }
-        self.json["accessors"].append({**accessor, **more})
+        made = {"componentType": CODES[rows.dtype.str[1:]], "count": len(rows), "type": TYPES[rows.shape[1]]}
+        if "bufferView" not in more:
+            made["bufferView"] = self.view(rows.tobytes(), target=34963 if rows.dtype.kind == "u" else 34962)
+        self.json["accessors"].append({**made, **more})
         return len(self.json["accessors"]) - 1
 
     def image(self, data: bytes, name: str, mime: str = "image/png") -> int:

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import json
-import struct
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,8 +10,8 @@ from numpy.typing import NDArray
 from mipbake.comparing.meshes import shapes
 from mipbake.comparing.meshes.mesh import Mesh
 
-CODES = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 5126}
-TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
+from .gltf_files import GltfFile
+
 SHAPES = [shapes.plane(), shapes.sphere(8), shapes.material_ball(4)]
 
 QUAD = {  # in the plane z = 0, u along +x, upright in the image
@@ -26,26 +22,13 @@ QUAD = {  # in the plane z = 0, u along +x, upright in the image
 CORNERS = np.array([0, 1, 2, 0, 2, 3], np.uint16)
 
 
-class Gltf:
-    """The JSON and the bytes of a glTF file that grows accessor by accessor."""
+class Gltf(GltfFile):
+    """A document of one mesh, without materials."""
 
     def __init__(self) -> None:
-        self.data = b""
-        self.json: dict[str, Any] = {"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}]}
+        super().__init__()
+        self.json = {"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}]}
         self.json |= {"nodes": [{"mesh": 0}], "meshes": [{"primitives": []}], "accessors": [], "bufferViews": []}
-
-    def view(self, data: bytes, **options: Any) -> int:
-        self.data += b"\0" * (-len(self.data) % 4)
-        self.json["bufferViews"].append({"buffer": 0, "byteOffset": len(self.data), "byteLength": len(data), **options})
-        self.data += data
-        return len(self.json["bufferViews"]) - 1
-
-    def accessor(self, values: NDArray[Any], **options: Any) -> int:
-        rows = values.reshape(len(values), -1)
-        accessor = {"componentType": CODES[rows.dtype.str[1:]], "count": len(rows), "type": TYPES[rows.shape[1]]}
-        view = {} if "bufferView" in options else {"bufferView": self.view(rows.tobytes())}
-        self.json["accessors"].append({**accessor, **view, **options})
-        return len(self.json["accessors"]) - 1
 
     def primitive(self, attributes: dict[str, NDArray[Any]], corners: NDArray[Any] | None, **options: Any) -> None:
         found: dict[str, Any] = {"attributes": {name: self.accessor(each) for name, each in attributes.items()}}
@@ -54,27 +37,6 @@ class Gltf:
         if corners is not None:
             found["indices"] = self.accessor(corners)
         self.json["meshes"][0]["primitives"].append({**found, **options})
-
-    def write(self, path: Path, kind: str = "glb") -> Path:
-        buffer: dict[str, Any] = {"byteLength": len(self.data)}
-        self.json["buffers"] = [buffer]
-        if kind == "external":
-            (path.parent / "the data.bin").write_bytes(self.data)
-            buffer["uri"] = "the%20data.bin"
-        elif kind == "embedded":
-            buffer["uri"] = "data:application/gltf-buffer;base64," + base64.b64encode(self.data).decode()
-        text = json.dumps(self.json).encode()
-        if kind != "glb":
-            path = path.with_suffix(".gltf")
-            path.write_bytes(text)
-            return path
-        chunks = b""
-        for name, plain, pad in ((b"JSON", text, b" "), (b"BIN\0", self.data, b"\0")):
-            data = plain + pad * (-len(plain) % 4)
-            chunks += struct.pack("<I4s", len(data), name) + data
-        path = path.with_suffix(".glb")
-        path.write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
-        return path
 
 
 def quad(**options: Any) -> Gltf:

@@ -160,35 +160,35 @@ def test_opacity_in_the_alpha_of_base_colours(tmp_path) -> None:
     np.testing.assert_array_equal(levels["opacity"][0], OPACITY)
 
 
-def test_orm(tmp_path) -> None:
-    levels, _ = out(packed_sets.mask_map(tmp_path / "wood"), Output("png", "orm"))
-    assert set(levels) == {"base_color", "normal", "orm"}
-    wanted = np.stack([AO, 255 - ROUGH, METAL], -1).astype(int)  # smoothness in, roughness out
-    assert np.abs(levels["orm"][0] - wanted).max() <= 1
-    np.testing.assert_array_equal(levels["orm"][0][..., 0], AO)
+PACKED = {
+    "orm": ("orm", {"base_color", "normal", "orm"}, lambda rough: [AO, rough, METAL]),
+    "mask-map": (
+        *("mask_map", {"base_color", "normal", "mask_map"}),
+        lambda rough: [METAL, AO, np.full_like(AO, 255), 255 - rough],
+    ),
+    "metallic-smoothness": (
+        *("metallic_smoothness", {"base_color", "normal", "metallic_smoothness", "occlusion"}),
+        lambda rough: [METAL, METAL, METAL, 255 - rough],
+    ),
+    "separate": ("roughness", {"base_color", "normal", "roughness", "metallic", "occlusion"}, lambda rough: [rough]),
+}
+"""Packing to the file in question, all files, and what is in its channels."""
+
+
+@pytest.mark.parametrize("packing", PACKED)
+@pytest.mark.parametrize("smooth", [False, True])
+def test_packings(tmp_path, packing, smooth) -> None:
+    """From maps of roughness, and from maps of smoothness with metallic and occlusion in other places."""
+    stem, names, packed = PACKED[packing]
+    levels, _ = out((packed_sets.mask_map if smooth else packed_sets.orm)(tmp_path / "wood"), Output("png", packing))
+    assert set(levels) == names
+    wanted = np.stack(packed(255 - ROUGH if smooth else ROUGH), -1).squeeze().astype(int)
+    assert np.abs(levels[stem][0] - wanted).max() <= 1
+
+
+def test_maps_that_are_not_there_are_constants_in_a_packed_file(tmp_path) -> None:
     levels, _ = out(packed_sets.glossy_directx(tmp_path / "other"), Output("png", "orm"))
-    assert (levels["orm"][0][..., 0] == 255).all() and (levels["orm"][0][..., 2] == 0).all()  # neither is there
-
-
-def test_mask_map(tmp_path) -> None:
-    levels, _ = out(packed_sets.orm(tmp_path / "wood"), Output("png", "mask-map"))
-    wanted = np.stack([METAL, AO, np.full_like(AO, 255), 255 - ROUGH], -1).astype(int)
-    assert set(levels) == {"base_color", "normal", "mask_map"}
-    assert np.abs(levels["mask_map"][0] - wanted).max() <= 1
-
-
-def test_metallic_smoothness(tmp_path) -> None:
-    levels, _ = out(packed_sets.orm(tmp_path / "wood"), Output("png", "metallic-smoothness"))
-    wanted = np.stack([METAL, METAL, METAL, 255 - ROUGH], -1).astype(int)
-    assert set(levels) == {"base_color", "normal", "metallic_smoothness", "occlusion"}
-    assert np.abs(levels["metallic_smoothness"][0] - wanted).max() <= 1
-
-
-def test_separate(tmp_path) -> None:
-    levels, _ = out(packed_sets.mask_map(tmp_path / "wood"), Output("png", "separate"))
-    assert set(levels) == {"base_color", "normal", "roughness", "metallic", "occlusion"}
-    assert np.abs(levels["roughness"][0].astype(int) - (255 - ROUGH)).max() <= 1
-    np.testing.assert_array_equal(levels["occlusion"][0], AO)
+    assert (levels["orm"][0][..., 0] == 255).all() and (levels["orm"][0][..., 2] == 0).all()
 
 
 @pytest.mark.parametrize("side", [8, 32, 12])

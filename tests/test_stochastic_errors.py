@@ -83,6 +83,7 @@ REFUSED: list[tuple[Callable[[], object], str]] = [
     (lambda: stochastic.descend(V, G, MOMENTS, CH1, 1.0, np.int32([7])), "elements reach from 7 to 7: expected 0 to 3"),
     (lambda: stochastic.descend(V, G, MOMENTS, CH1, math.nan), "rate is nan: expected a finite number, 0 or more"),
     (lambda: stochastic.descend(V, G, MOMENTS, CH1, -1.0), "rate is -1.0"),
+    (lambda: stochastic.descend(V, G, MOMENTS, CH1, math.inf), "rate is inf"),
     (lambda: Moments.of(integers), "values is int32"),
     (lambda: stochastic.touched_texels(SIZES, UV, LOD, None, None, "linear"), "texels is 'linear': expected nearest"),
     (lambda: stochastic.touched_texels(SIZES, UV, LOD, boundary=("wrap", "cube")), "boundary is .*'cube'.*: expected"),

@@ -222,10 +222,9 @@ def test_infinity_in_a_stack_is_unusable_input(folder: Path, tmp_path: Path, cap
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems do not limit address space")
-@pytest.mark.parametrize("limit", [500000, 540000])
-def test_a_limit_on_address_space_is_told(folder: Path, tmp_path: Path, limit: int) -> None:
-    """These limits hold Python, NumPy and OpenImageIO, and not what a search takes: begun, it may crash or hang."""
-    command = f"ulimit -v {limit}; exec {sys.executable} -m mipbake.cli.main bake {folder} -o {tmp_path / 'out'} -q"
+def test_a_limit_on_address_space_is_told(folder: Path, tmp_path: Path) -> None:
+    """This limit holds Python, NumPy and OpenImageIO, and not what a search takes: begun, it may crash or hang."""
+    command = f"ulimit -v 540000; exec {sys.executable} -m mipbake.cli.main bake {folder} -o {tmp_path / 'out'} -q"
     run = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False, timeout=60)
     assert run.returncode == 2, run.stderr
     assert "address space" in run.stderr and "ulimit" in run.stderr
