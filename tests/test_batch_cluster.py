@@ -19,7 +19,7 @@ from mipbake.base.leftovers import OLD, PARTIAL
 from mipbake.base.version import __version__
 from mipbake.cli.main import main
 from mipbake.library import BatchListener, BatchOptions, Entry, EntryResult, Summary, bake_library
-from mipbake.library.cluster import Order, followed
+from mipbake.library.cluster import Order, check_files, followed
 from mipbake.library.results import Progress
 from mipbake.library.task import Task
 from mipbake.source.options import LoadOptions
@@ -116,7 +116,7 @@ def test_a_machine_that_sees_other_sources_says_so(tmp_path: Path) -> None:
     mark.touch()
     order = Order(__version__, 1, None, task, Path.cwd(), mark, (("steel/normal.png", 1),))
     with pytest.raises(InputError, match=f"does not see {source} as the machine"):
-        followed(order)
+        check_files(order)
 
 
 def at_work() -> list[int]:

@@ -11,7 +11,7 @@ import pytest
 import mipbake
 from mipbake.baking import BakeOptions
 from mipbake.library import BatchOptions, Chosen, Shard, bake_library
-from mipbake.library.listing import found_library, parts_of
+from mipbake.library.listing import found_library, sets_in
 from mipbake.source.options import LoadOptions
 
 from .batch_inline import LINEAR, Inline, aged, bake, counts, inline_workers
@@ -172,8 +172,8 @@ def test_a_set_in_a_folder_and_a_folder_of_its_name(flat: Path, inline: Inline) 
 
 @pytest.mark.long
 def test_folders_of_one_set_and_stacks_are_left_whole(flat: Path) -> None:
-    assert parts_of(flat / "wood", READ) == []
+    assert sets_in(flat / "wood", READ) == {}
     mipbake.bake_all(flat / "props", flat.parent / "out", LINEAR)
-    assert parts_of(flat.parent / "out/Body", READ) == []
-    assert parts_of(flat / "props/Body_Normal.png", READ) == []
-    assert parts_of(flat / "props", LoadOptions(name="x")) == []  # which its own turn says is wrong
+    assert sets_in(flat.parent / "out/Body", READ) == {}
+    assert sets_in(flat / "props/Body_Normal.png", READ) == {}
+    assert sets_in(flat / "props", LoadOptions(name="x")) == {}  # which its own turn says is wrong

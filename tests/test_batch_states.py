@@ -16,6 +16,7 @@ import mipbake
 from mipbake.baking.results import Planned
 from mipbake.cli.main import main
 from mipbake.library import bake_library
+from mipbake.library import listing as batch_library
 from mipbake.library import task as batch_task
 from mipbake.library.state import Record, States
 
@@ -117,7 +118,7 @@ def test_an_archive_that_changes_while_it_is_read(
     (tmp_path / "lib").mkdir()
     shutil.make_archive(str(tmp_path / "lib" / "s"), "zip", tmp_path / "one")
     aged(tmp_path)
-    real = batch_task.jobs
+    real = batch_library.jobs
 
     def slow(*arguments: Any) -> Any:
         found = real(*arguments)
@@ -127,7 +128,7 @@ def test_an_archive_that_changes_while_it_is_read(
             aged(tmp_path / "lib", 5.0)
         return found
 
-    monkeypatch.setattr(batch_task, "jobs", slow)
+    monkeypatch.setattr(batch_library, "jobs", slow)
     assert bake(tmp_path / "lib").baked == 1
     assert bake(tmp_path / "lib").baked == 1
     assert bake(tmp_path / "lib").baked == 0
@@ -251,6 +252,18 @@ def test_a_source_that_is_added_moves_no_other(tmp_path: Path, inline: Inline) -
     assert counts(bake(aged(root, 5.0))) == (2, 1, 0)
     stacks = {name for name in tree(tmp_path / "out") if name.endswith("stack.json")}
     assert stacks == {"a/a/stack.json", "a/b/b/stack.json", "a.zip/a/stack.json"}
+
+
+def test_results_of_a_library_and_of_a_set_alone_do_not_lie_in_each_other(library: Path, inline: Inline) -> None:
+    out = library.parent / "out"
+    bake_library(library / "wood", out, LINEAR)
+    failed = bake(library)
+    assert counts(failed) == (1, 0, 1) and failed.exit_code == 4
+    assert f"{out / 'wood'} holds a stack itself, remove it" in str(failed.failures[0].error)
+    shutil.rmtree(out / "wood")
+    assert counts(bake(library)) == (1, 1, 0)
+    (failure,) = bake_library(library / "wood", out, LINEAR).failures
+    assert "it holds other results" in str(failure.error)
 
 
 @pytest.mark.long

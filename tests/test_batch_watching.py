@@ -18,7 +18,7 @@ from mipbake.baking import BakeOptions
 from mipbake.cli.main import main
 from mipbake.library import BatchOptions, Library, bake_library, entries_below
 from mipbake.library.state import States
-from mipbake.library.watching import Seen, touched, watched
+from mipbake.library.watching import touched, watched
 
 from .command_line import fails, write_png, write_set
 
@@ -83,20 +83,20 @@ def test_entries_that_changed_files_belong_to(tmp_path: Path) -> None:
         looked.append(1)
         return entries_below([root], out, lambda _: ())
 
-    seen = Seen(States(out, write=False))
-    whole, part = touched(library, {root / "a" / "normal.png"}, seen, find)
+    states = States(out, write=False)
+    whole, part = touched(library, {root / "a" / "normal.png"}, states, find)
     assert whole is library and [each.label for each in part.entries] == ["a"] and not looked
     # A program may save into a file of another name, and then give it the name.
     both = {root / "a" / "normal.png", root / "a" / "normal.png.saving"}
-    whole, part = touched(library, both, seen, find)
+    whole, part = touched(library, both, states, find)
     assert whole is library and [each.label for each in part.entries] == ["a"] and not looked
-    assert not touched(library, {root / "a" / "normal.png.saving"}, seen, find)[1].entries and not looked
+    assert not touched(library, {root / "a" / "normal.png.saving"}, states, find)[1].entries and not looked
     write_set(root / "c")
-    whole, part = touched(library, {root / "c" / "normal.png"}, seen, find)
+    whole, part = touched(library, {root / "c" / "normal.png"}, states, find)
     assert [each.label for each in whole.entries] == [each.label for each in part.entries] == ["a", "b", "c"]
     (root / "a" / "normal.png").unlink()
-    touched(library, {root / "a" / "normal.png"}, seen, find)
-    touched(library, None, seen, find)
+    touched(library, {root / "a" / "normal.png"}, states, find)
+    touched(library, None, states, find)
     assert len(looked) == 3
 
 

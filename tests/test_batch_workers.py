@@ -121,7 +121,8 @@ def test_a_batch_that_is_killed_goes_on_where_it_was(tmp_path: Path) -> None:
         _, told = process.communicate(timeout=120)
         baked += done()
         assert process.returncode in (3, -number, 128 + number), told
-        assert number == signal.SIGKILL or process.returncode == 3 or "nothing unfinished" in told
+        # A signal that comes when all is done ends what Python does before it ends, and nothing is said of it.
+        assert process.returncode in (3, -number) or "nothing unfinished" in told
         if process.returncode == 3:
             break
         assert len(baked) > before

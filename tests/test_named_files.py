@@ -57,7 +57,7 @@ def test_files_of_others_are_not_written_over(
     if (option, other) == ("--depfile", "the other's"):
         file.write_text(json.dumps({"entry": "wood", "source": "wood", "ok": True, "exit_code": 0}) + "\n")
     before = {name: (tmp_path / name).read_bytes() for name in tree(tmp_path) if (tmp_path / name).is_file()}
-    monkeypatch.setattr(task, "jobs", lambda *_: pytest.fail("found only after something was read"))
+    monkeypatch.setattr(task, "bake_jobs", lambda *_: pytest.fail("found only after something was read"))
     said = fails(capsys, 4, "bake", tmp_path / "lib", "-r", "-o", tmp_path / "out", option, file, *LINEAR)
     assert f"cannot write {file}: it is there, and is no" in said
     assert {name: (tmp_path / name).read_bytes() for name in before} == before and not (tmp_path / "out").exists()

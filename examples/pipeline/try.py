@@ -133,7 +133,7 @@ def show_hook(folder: Path) -> None:
     if lacks("git", "pre-commit"):
         return
     (folder / "mipbake.toml").write_text(
-        'library = "textures"\nout = "baked"\n[options]\nmethod = "linear"\nformat = "png"\n'
+        'library = "textures"\nout = "results"\n[options]\nmethod = "linear"\nformat = "png"\n'
     )
     # As a repository would name a release of mipbake, but with the command that is installed here.
     (folder / ".pre-commit-config.yaml").write_text(

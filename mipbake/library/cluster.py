@@ -265,13 +265,13 @@ def followed(order: Order) -> EntryResult:
     with begun(place, Path.mkdir) as scratch, memory.limited(limit):
         tempfile.tempdir = str(scratch)
         try:
-            _check_files(order)
+            check_files(order)
             return work(order.task)
         finally:
             tempfile.tempdir = before
 
 
-def _check_files(order: Order) -> None:
+def check_files(order: Order) -> None:
     """InputError where this machine does not see the files of an order as the one that gave it."""
     with suppress(OSError):  # then paths are told apart by what lies there
         os.chdir(order.folder)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
 from typing import TypeAlias
@@ -24,7 +24,7 @@ from mipbake.source.gltf.images import image_files
 from mipbake.source.images.read import IMAGE_SUFFIXES
 from mipbake.source.inputs import expand, kind
 from mipbake.source.intake import files_of_set, jobs
-from mipbake.source.jobs import Failure, Job
+from mipbake.source.jobs import Failure, Job, SetFiles
 from mipbake.source.layout import SCHEMA, manifests
 from mipbake.source.matches import is_map, is_textures, name_of
 from mipbake.source.mtlx.materials import read_materialx
@@ -35,52 +35,6 @@ PathLike: TypeAlias = "str | os.PathLike[str]"
 
 
 @dataclass(frozen=True)
-class Group:
-    """What is baked at once of a set: all of it, or tiles that touch.
-
-    Args:
-        files: tile number to files, relative to the folder; 0 for sets that are not tiles.
-        notes, warnings: what was found, in sentences.
-    """
-
-    files: Mapping[int, tuple[PurePath, ...]]
-    notes: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Part:
-    """One of several sets in a folder.
-
-    Args:
-        name: of the set, which no other set in the folder has.
-    """
-
-    name: str
-    groups: tuple[Group, ...]
-
-    @property
-    def files(self) -> list[PurePath]:
-        """All its files, relative to the folder."""
-        return [file for group in self.groups for several in group.files.values() for file in several]
-
-    def jobs(self, folder: Path, load: LoadOptions) -> list[Job | Failure]:
-        """What is to be baked of it. The options may be others than those that told the sets apart."""
-        try:
-            return [self._job(group, folder, load) for group in self.groups]
-        except (InputError, UsageError) as error:
-            return [Failure(folder, error)]
-
-    def _job(self, group: Group, folder: Path, load: LoadOptions) -> Job:
-        own = replace(load, name=load.name or self.name)
-        read = {
-            tile: files_of_set(tuple(folder / name for name in names), own, self.name, tile)
-            for tile, names in group.files.items()
-        }
-        return Job(folder, read, group.notes, group.warnings)
-
-
-@dataclass(frozen=True)
 class Entry:
     """A source of a library.
 
@@ -88,7 +42,7 @@ class Entry:
         source: a path that `mipbake.load_all` takes. label: what the entry is called, unique in its library.
         place: the folder that its sets have their folders in, relative to the folder of all results.
         name: of its set, as far as names of files say it; "" where a source must be read for it.
-        part: which of the several sets in a folder it is; None for all that the source holds.
+        part: of one of several sets in a folder, what is baked at once: all of it, or tiles that touch; else empty.
         rival: the source whose result lies where the result of this entry would; None where there is none.
     """
 
@@ -96,13 +50,40 @@ class Entry:
     label: str
     place: PurePath
     name: str = ""
-    part: Part | None = None
+    part: tuple[Job, ...] = ()
     rival: Path | None = None
 
     @property
     def result(self) -> PurePath:
         """The folder that all its results lie in, relative to the folder of all results, as far as it is known."""
         return self.place / self.name
+
+    @property
+    def files(self) -> list[Path]:
+        """All files of one of several sets in a folder."""
+        return [file for job in self.part for each in job.parts.values() for file in _listed(each)]
+
+    def jobs(self, load: LoadOptions, scratch: Path) -> list[Job | Failure]:
+        """What is to be baked of it. The options may be others than those that told several sets apart.
+
+        Args:
+            scratch: an empty folder, see `mipbake.source.intake.jobs`.
+        """
+        if not self.part:
+            return jobs([os.fspath(self.source)], load, scratch)
+        own = replace(load, name=load.name or self.name)
+        made: list[Job | Failure] = []
+        try:
+            for job in self.part:
+                parts = {t: files_of_set(_listed(each), own, self.name, t) for t, each in job.parts.items()}
+                made.append(Job(self.source, parts, job.notes, job.warnings))
+        except (InputError, UsageError) as error:
+            return [Failure(self.source, error)]
+        return made
+
+
+def _listed(files: SetFiles) -> tuple[Path, ...]:
+    return files.files if isinstance(files.files, tuple) else ()
 
 
 @dataclass(frozen=True)
@@ -194,8 +175,8 @@ def _sets_of(entry: Entry, load: LoadOptions) -> list[Entry]:
     """The same entry with the name of its set, or an entry for each set in its folder."""
     source = entry.source
     around = "" if entry.label == "." else f"{entry.label}/"
-    if parts := parts_of(source, load):
-        return [replace(entry, label=f"{around}{part.name}", name=part.name, part=part) for part in parts]
+    if sets := sets_in(source, load):
+        return [replace(entry, label=f"{around}{name}", name=name, part=part) for name, part in sets.items()]
     if source.suffix.lower() in GLTF:
         return [replace(entry, name=safe_name(source.stem, "document"))]
     return [replace(entry, name=load.name or name_of(source))] if disk.is_dir(source) else [entry]
@@ -220,26 +201,20 @@ def apart(entries: Iterable[Entry]) -> Iterator[Entry]:
         yield replace(entry, label=label, rival=rival)
 
 
-def parts_of(folder: Path, load: LoadOptions) -> list[Part]:
-    """The sets in a folder, as names tell them; none where it holds a single set, or something is wrong with it, which
-    its own turn will say.
+def sets_in(folder: Path, load: LoadOptions) -> dict[str, tuple[Job, ...]]:
+    """The several sets in a folder, as names tell them: name to what is baked at once of a set. Empty where there is a
+    single set, or something is wrong with the folder, which its own turn will say.
 
     Args:
         load: how it is read; patterns in its maps tell sets apart, too.
     """
-    if not disk.is_dir(folder):
-        return []
-    groups: dict[str, list[Group]] = {}
-    for job in jobs([str(folder)], load, folder):  # a folder of maps takes no room for temporary files
-        if isinstance(job, Failure):
-            return []
-        files = {tile: part.files for tile, part in job.parts.items()}
-        listed = {t: tuple(f.relative_to(folder) for f in each) for t, each in files.items() if isinstance(each, tuple)}
-        if listed.keys() != files.keys():
-            return []
+    sets: dict[str, tuple[Job, ...]] = {}
+    for job in jobs([str(folder)], load, folder) if disk.is_dir(folder) else ():  # which needs no temporary files
+        if isinstance(job, Failure) or not all(map(_listed, job.parts.values())):
+            return {}
         name = next(iter(job.parts.values())).name
-        groups.setdefault(name, []).append(Group(listed, job.notes, job.warnings))
-    return [Part(name, tuple(several)) for name, several in groups.items()] if len(groups) > 1 else []
+        sets[name] = (*sets.get(name, ()), job)
+    return sets if len(sets) > 1 else {}
 
 
 def _document_files(document: Path) -> list[Path]:

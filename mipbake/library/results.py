@@ -129,20 +129,11 @@ def declares(file: PurePath) -> bool:
     return is_manifest(file.name) or file.suffix == f".{GLB}"
 
 
-def result_places(results: Sequence[Result]) -> dict[Path, list[Result]]:
-    """The folders and files that results lie in, each with the results that it holds."""
-    places: dict[Path, list[Result]] = {}
-    for each in results:
-        if isinstance(each, NotBaked):
-            continue
-        tile = is_manifest(each.out.name) and each.out.is_file()  # a tile shares its folder with others
-        places.setdefault(each.out.parent if tile else each.out, []).append(each)
-    return places
-
-
 def result_files(results: Sequence[Result]) -> list[Path]:
     """The files that results of an entry lie in."""
-    found: list[Path] = []
-    for place in result_places(results):
-        found += sorted(place.iterdir()) if place.is_dir() else [place]
-    return found
+    places: dict[Path, None] = {}
+    for each in results:
+        if not isinstance(each, NotBaked):
+            tile = is_manifest(each.out.name) and each.out.is_file()  # a tile shares its folder with others
+            places[each.out.parent if tile else each.out] = None
+    return [file for place in places for file in (sorted(place.iterdir()) if place.is_dir() else [place])]

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path, PurePath
-from typing import Protocol, TypeAlias
+from typing import TypeAlias
 
 from mipbake.baking.options import BakeOptions
 from mipbake.baking.recipe import Ingredients
@@ -20,6 +20,7 @@ from mipbake.base.extras import check_extra
 from mipbake.base.leftovers import tidy
 from mipbake.base.threads import threads
 from mipbake.base.version import __version__
+from mipbake.library.cluster import Cluster, cluster
 from mipbake.library.listing import Entry, Library, PathLike, Shard, found_library
 from mipbake.library.project import Chosen
 from mipbake.library.results import BatchListener, EntryResult, Progress, Summary, WorkerError, declares
@@ -35,12 +36,12 @@ from mipbake.library.state import (
     states,
 )
 from mipbake.library.task import Task
-from mipbake.library.watching import Seen, changes, touched, watched
-from mipbake.library.workers import Share, workers
+from mipbake.library.watching import changes, touched, watched
+from mipbake.library.workers import Share, Workers, workers
 from mipbake.source.inputs import expand
-from mipbake.source.layout import is_manifest
+from mipbake.source.layout import is_manifest, manifests
 from mipbake.source.options import LoadOptions
-from mipbake.stack.manifest import check_output
+from mipbake.stack.manifest import check_output, holds_stacks
 
 Choose: TypeAlias = Callable[[str], Chosen]
 """Label of an entry to how it is read and baked."""
@@ -127,9 +128,8 @@ def bake_library(
         OutputError: a cluster is to write where this machine cannot.
     """
     how = batch or BatchOptions()
-    choose = _chooser(options, load, choose)
-    library = found_library(sources, Path(out), _reader(choose), how.recursive, how.within, how.shard)
-    run = Batch(Path(out), choose, how, States(Path(out), not how.dry_run), listener)
+    run = Batch(Path(out), _chooser(options, load, choose), how, States(Path(out), not how.dry_run), listener)
+    library = run.find(sources)
     plan = run.plan(library)
     if not plan.tasks:
         run.tell(library, plan, 0)
@@ -164,44 +164,26 @@ def watch_library(
     if how.dry_run:
         raise UsageError("a dry run bakes nothing, so there is nothing to watch for: expected one of the two")
     check_extra("watch", "--watch")
-    choose = _chooser(options, load, choose)
-    place = Path(out)
-
-    def find() -> Library:
-        return found_library(sources, place, _reader(choose), how.recursive, how.within, how.shard)
-
-    library = find()
+    run = Batch(Path(out), _chooser(options, load, choose), how, States(Path(out)), listener)
+    library = run.find(sources)
     given = [sources] if isinstance(sources, (str, os.PathLike)) else sources
     folders = watched(expand([os.fspath(each) for each in given]))
-    with _pool(how, place) as pool:
-        run = Batch(place, choose, how, States(place), listener)
+    with _pool(how, run.out) as pool:
         plan = run.plan(library)
         run.tell(library, plan, pool.processes(len(plan.tasks)))
         yield run.bake(plan, pool)
-        run, seen = replace(run, how=replace(how, force=False)), Seen(run.states)  # once is enough
-        for paths in changes(folders, place):
-            library, part = touched(library, paths, seen, find)
+        run = replace(run, how=replace(how, force=False))  # once is enough
+        for paths in changes(folders, run.out):
+            library, part = touched(library, paths, run.states, lambda: run.find(sources))
             plan = run.plan(part)
             if plan.tasks:
                 yield run.bake(plan, pool)
 
 
-class Pool(Protocol):
-    """What does the tasks of a batch: processes of this machine, or of a cluster."""
-
-    def processes(self, count: int) -> int:
-        """How many processes there are for so many tasks."""
-
-    def done(self, tasks: Iterable[Task]) -> Iterator[EntryResult]:
-        """What became of tasks, in the order in which they end."""
-
-
 @contextmanager
-def _pool(how: BatchOptions, out: Path, most: int | None = None) -> Iterator[Pool]:
+def _pool(how: BatchOptions, out: Path, most: int | None = None) -> Iterator[Workers | Cluster]:
     """What does the tasks; there are no more of them than `most`. A dry run, which writes nothing, is done here."""
     if how.cluster is not None and not how.dry_run:
-        from mipbake.library.cluster import cluster
-
         with cluster(how.cluster, how.jobs, how.memory, out) as there:
             yield there
         return
@@ -216,10 +198,6 @@ def _chooser(options: BakeOptions | None, load: LoadOptions | None, choose: Choo
     same = Chosen(options or BakeOptions(), load or LoadOptions())
     same.options.asked()
     return choose or (lambda _label: same)
-
-
-def _reader(choose: Choose) -> Callable[[str], LoadOptions]:
-    return lambda label: choose(label).load
 
 
 _ERRORS: Mapping[int, type[MipbakeError]] = {e.exit_code: e for e in (InputError, UsageError, WorkerError)}
@@ -254,6 +232,13 @@ class Batch:
     states: States
     listener: BatchListener
 
+    def find(self, sources: PathLike | Sequence[PathLike]) -> Library:
+        """What can be baked. See `found_library`."""
+        how = self.how
+        return found_library(
+            sources, self.out, lambda label: self.choose(label).load, how.recursive, how.within, how.shard
+        )
+
     def plan(self, library: Library) -> Plan:
         """What is to be done, as far as sizes and times of files tell. UsageError for options that cannot be."""
         ingredients: dict[BakeOptions, Ingredients] = {}
@@ -281,7 +266,15 @@ class Batch:
         if self.how.dry_run and record is not None and (same or remains(record, self.out)):
             return EntryResult(entry, (_planned_again(entry, record, self.out),))
         which = "all" if same else self.how.which  # a result that somebody changed is no result
+        for folder in (each for each in (entry.place, *entry.place.parents) if each.parts):
+            if manifests(self.out / folder):  # as a bake of the source alone writes it
+                error = OutputError(
+                    f"cannot write to {self.out / entry.result}: {self.out / folder} holds a stack itself, remove it "
+                    "or choose another folder"
+                )
+                return EntryResult(entry, (NotBaked(entry.source, error),))
         known = record is not None and (mine is not None or not os.path.lexists(record.source))
+        known = known and not (entry.name and holds_stacks(self.out / entry.result))
         # Nothing else has the folder of a path below the library, so what lies there is of the same source.
         by_name = record is None and bool(entry.place.parts)
         return Task(entry, self.out, chosen.options, chosen.load, recipe, which, known, by_name, self.how.touch)
@@ -334,7 +327,7 @@ class Batch:
         what = f"{len(found)} results, such as {found[0]}, have" if len(found) > 1 else f"the result {found[0]} has"
         return [f"{what} no source any more, and nothing is baked there: remove what nobody needs"]
 
-    def bake(self, plan: Plan, pool: Pool) -> Summary:
+    def bake(self, plan: Plan, pool: Workers | Cluster) -> Summary:
         """Does the tasks of a plan."""
         done: dict[str, EntryResult] = {}
         self._clear(plan.tasks)

@@ -107,8 +107,8 @@ def states(entry: Entry, others: Iterable[Path] = ()) -> tuple[FileState, ...]:
 
 def _own_files(entry: Entry) -> Iterator[Path]:
     source = entry.source
-    if entry.part is not None:
-        yield from (source / file for file in entry.part.files)
+    if entry.part:
+        yield from entry.files
         return
     folder = source if source.is_dir() else source.parent if is_pattern(source) else None
     if folder is None:

@@ -23,7 +23,6 @@ from mipbake.source.found import sources_of
 from mipbake.source.gltf.document import Document
 from mipbake.source.gltf.images import image_files
 from mipbake.source.gltf.uris import file_of, spellings
-from mipbake.source.intake import jobs
 from mipbake.source.jobs import Failure, Job
 from mipbake.source.options import LoadOptions
 from mipbake.source.sources import Discovery
@@ -85,8 +84,7 @@ def _baked(task: Task) -> tuple[list[Result], Sequence[FileState]]:
     source = task.entry.source
     before = states(task.entry)
     with temporary_folder() as scratch:
-        part = task.entry.part
-        found = jobs([os.fspath(source)], task.load, scratch) if part is None else part.jobs(source, task.load)
+        found = task.entry.jobs(task.load, scratch)
         others = [path for path in _files(source, found) if not disk.lies_in(path, scratch)]
         # What lay there before it was read counts, should it change meanwhile.
         files = tuple({file.path: file for file in (*states(task.entry, others), *before)}.values())

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import lru_cache
 from pathlib import Path
 
 from mipbake.base import disk
 from mipbake.base.errors import InputError
 from mipbake.base.extras import extra
-from mipbake.library.listing import Entry, Library
+from mipbake.library.listing import Library
 from mipbake.library.state import FileState, States
 
 QUIET = 100
@@ -63,17 +64,18 @@ def changes(folders: Sequence[Path], out: Path) -> Iterator[set[Path] | None]:
 
 
 def touched(
-    library: Library, paths: Iterable[Path] | None, seen: Seen, find: Callable[[], Library]
+    library: Library, paths: Iterable[Path] | None, states: States, find: Callable[[], Library]
 ) -> tuple[Library, Library]:
     """The library, and what of it may have changed. The library is looked through again where files are new or gone.
 
     Args:
         library: as it was. paths: files that changed; None where they are not known.
-        seen: the files of its entries. find: finds the library again.
+        states: which files its entries were baked from. find: finds the library again.
     """
     if paths is not None:
-        own = [(entry, seen.files(entry)) for entry in library.entries]
-        every = set().union(*(files for _, files in own))
+        known = [(entry, states.records.get(entry.label)) for entry in library.entries]
+        own = [(entry, _real(entry.source.parent, record.files)) for entry, record in known if record is not None]
+        every = frozenset[str]().union(*(files for _, files in own))
         # What is gone and was never a part of an entry, or around one, is a file that a program saved into at first.
         changed = {p for p in map(os.path.realpath, paths) if p in every or os.path.lexists(p) or _is_around(p, every)}
         if all(p in every and Path(p).is_file() for p in changed):
@@ -90,19 +92,7 @@ def _is_around(folder: str, files: Iterable[str]) -> bool:
     return any(file.startswith(inside) for file in files)
 
 
-class Seen:
-    """The files of entries, as far as they are known. Where nothing is new of an entry, nothing is looked up again."""
-
-    def __init__(self, states: States) -> None:
-        self._states = states
-        self._files: dict[str, tuple[tuple[FileState, ...], set[str]]] = {}
-
-    def files(self, entry: Entry) -> set[str]:
-        """Real paths of the files that an entry was baked from the last time."""
-        record = self._states.records.get(entry.label)
-        told = () if record is None else record.files
-        before = self._files.get(entry.label)
-        if before is None or before[0] != told:
-            before = told, {os.path.realpath(entry.source.parent / file.path) for file in told}
-            self._files[entry.label] = before
-        return before[1]
+@lru_cache(maxsize=1 << 16)
+def _real(folder: Path, files: tuple[FileState, ...]) -> frozenset[str]:
+    """Real paths of files that are relative to a folder. They are looked up again where something of them is new."""
+    return frozenset(os.path.realpath(folder / file.path) for file in files)
