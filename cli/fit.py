@@ -13,7 +13,7 @@ import mipbake
 from mipbake.baking import BakeOptions
 from mipbake.baking.bake import DEFAULT_METHOD, Recipe
 from mipbake.baking.methods import METHODS
-from mipbake.baking.search.time_budget import BEST, seconds_of
+from mipbake.baking.search.long_run import BEST, seconds_of
 from mipbake.base.errors import UsageError
 from mipbake.base.options import one_of, option, same
 from mipbake.cli import options

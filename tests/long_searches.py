@@ -17,9 +17,9 @@ from typing import Any
 
 from mipbake.baking.search import checkpoint, rounds, stages
 from mipbake.baking.search.blending import blend
-from mipbake.baking.search.descent_effort import DescentEffort
 from mipbake.baking.search.methods import Refine, Step
 from mipbake.baking.search.stages import Descend, Gather, Keep, Make
+from mipbake.baking.search.texel_descent import DescentEffort
 from mipbake.quality.judging.probes import ProbeEffort
 
 FEW = ProbeEffort(groups=2, points=4, samples=2, pictures=8, picture_samples=2)
@@ -52,7 +52,7 @@ def with_many_regions(change: Callable[[object, str, Any], None] = setattr) -> N
     def named(name: str, *options: Any) -> Any:
         if name != "refine":
             return plain(name, *options)
-        keywords = ("weights", "budget", "sampler", "aim", "device", "sitting")
+        keywords = ("weights", "budget", "sampler", "aim", "device", "long_run")
         given = {key: each for key, each in zip(keywords, options, strict=True) if each is not None}
         return ManyRegions(**given)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from mipbake.baking.methods import METHODS, Prefilter
-from mipbake.baking.search.descent_effort import DescentEffort
 from mipbake.baking.search.methods import Auto, Optimum, Refine
+from mipbake.baking.search.texel_descent import DescentEffort
 from mipbake.quality.judging.probes import ProbeEffort
 
 FEW = ProbeEffort(groups=2, points=4, samples=2, pictures=8, picture_samples=2)

@@ -1,5 +1,5 @@
 """`auto` and `refine`: no worse than the best closed form where single lights alone count, better where there is a
-prize, and what they promise.
+prize, and what is measured of them.
 
 Seeds are fixed. Beside each limit of a figure that hangs on chance stands what 8 other seeds gave, of the method and of
 the pairs and points that measure: the limit is the mean and four standard deviations.
@@ -23,12 +23,12 @@ from mipbake import MipStack, TextureSet, bake, material, open_stack, sampling, 
 from mipbake.baking.methods import METHODS, method_named
 from mipbake.baking.prefilter import PrefilterResult
 from mipbake.baking.search.blending import best, blend, confirmed, gathered
-from mipbake.baking.search.descent_effort import DescentEffort
 from mipbake.baking.search.ingredients import closed_forms
 from mipbake.baking.search.level_fit import SeenAt, columns, fit_level
+from mipbake.baking.search.long_run import LongRun
 from mipbake.baking.search.methods import Auto, Refine
 from mipbake.baking.search.regions import timed_regions
-from mipbake.baking.search.sitting import Sitting
+from mipbake.baking.search.texel_descent import DescentEffort
 from mipbake.base.errors import UsageError
 from mipbake.material.filtered_source import FilteredSource
 from mipbake.models import list_weights
@@ -46,7 +46,7 @@ from mipbake.quality.small_pictures import PIXELS
 from mipbake.sampling.adjoint import scatter_linear
 from mipbake.shading.adjoint import shade_adjoint
 from mipbake.shading.ops import shade as shade_op
-from mipbake.stack.promise import promise_from
+from mipbake.stack.promise import measured_from
 
 from .no_default_weights import hide_defaults
 from .quick_methods import quick_methods
@@ -146,16 +146,16 @@ def test_snr_is_far_above_plain_rules_at_the_default_aim_in_the_mean(two: np.nda
 
 
 @pytest.mark.long
-def test_the_promise_is_what_others_measure(two: np.ndarray, solved: PrefilterResult) -> None:
+def test_what_is_measured_is_what_others_measure(two: np.ndarray, solved: PrefilterResult) -> None:
     """Standard errors of single figures come from four groups of pairs, too few to tell what is far: all figures are
     held against what others measure at once."""
-    promise = solved.promise
-    assert promise is not None and [each.level for each in promise.levels] == list(range(6))
-    assert [each.lod for each in promise.between] == [level + 0.5 for level in range(5)]
-    for each, name in itertools.product(promise.levels, PAIR_SETS):
+    measured_now = solved.measured
+    assert measured_now is not None and [each.level for each in measured_now.levels] == list(range(6))
+    assert [each.lod for each in measured_now.between] == [level + 0.5 for level in range(5)]
+    for each, name in itertools.product(measured_now.levels, PAIR_SETS):
         assert each.gain(name) > 0.4, (each.level, name)  # the least of all: mean 2.73, standard deviation 0.58
         assert each.best_closed_form[name].split(" ")[0] in METHODS
-    places = [(each.level, each) for each in promise.levels] + [(each.lod, each) for each in promise.between]
+    places = [(each.level, each) for each in measured_now.levels] + [(each.lod, each) for each in measured_now.between]
     off = {
         (lod, name): each.snr[name] - measured({"auto": solved.levels}, two, lod, name, 12)["auto"]
         for (lod, each), name in itertools.product(places, PAIR_SETS)
@@ -305,7 +305,9 @@ def test_a_deadline_that_all_can_meet_changes_nothing(two: np.ndarray) -> None:
 def test_a_budget_that_is_too_short_for_the_ingredients_says_which_would_do(two: np.ndarray) -> None:
     told: list[str] = []
     for budget in ("0.001s", "1h"):
-        method = Refine(budget=budget, effort=TINY, descent=replace(SHORT, rounds=0), sitting=Sitting(told=told.append))
+        method = Refine(
+            budget=budget, effort=TINY, descent=replace(SHORT, rounds=0), long_run=LongRun(note=told.append)
+        )
         method(two, "gltf", "gltf", "gaussian", WRAP, lambda _: None)
     (sentence,) = told
     assert re.fullmatch(
@@ -340,8 +342,8 @@ def test_refining_gains_on_pairs_it_never_saw_and_says_so(two: np.ndarray) -> No
     result = QUICK["refine"](two, "gltf", "gltf", "gaussian", WRAP, Told())
     assert shares == sorted(shares) and shares[-1] == 1
     assert notes and all("near-mirror" in note and "dB" in note for note in notes)
-    assert result.promise is not None
-    assert max(each.refined for each in result.promise.levels) > 0
+    assert result.measured is not None
+    assert max(each.refined for each in result.measured.levels) > 0
     gains = []
     for lod, name in itertools.product((0.0, 1.0, 2.5), PAIR_SETS):
         found = measured({"start": blended.levels, "refined": result.levels}, two, lod, name)
@@ -361,10 +363,10 @@ def test_without_time_the_blend_stays(two: np.ndarray) -> None:
     stretched = np.tile(two, (5, 5, 1))
     method = Refine(budget="0.001s", effort=SMALL)
     result = method(stretched, "gltf", "gltf", "gaussian", WRAP, lambda _: None)
-    assert result.promise is not None and result.weights is None
-    assert "lean (box)" in result.promise.left_out  # what was not measured is named, and nobody's best
-    best = {name for each in result.promise.levels for name in each.best_closed_form.values()}
-    assert not best & set(result.promise.left_out)
+    assert result.measured is not None and result.weights is None
+    assert "lean (box)" in result.measured.left_out  # what was not measured is named, and nobody's best
+    best = {name for each in result.measured.levels for name in each.best_closed_form.values()}
+    assert not best & set(result.measured.left_out)
     task = Problem(stretched, "gltf", "gltf", "gaussian", WRAP)
     start = blend(gathered(task, list(closed_forms(task)), SMALL, WEIGHTS, deadline=0.0))
     assert all(np.array_equal(a, b) for a, b in zip(start.levels, result.levels, strict=True))
@@ -386,15 +388,15 @@ def test_models_without_weights_blend_closed_forms_alone(monkeypatch: pytest.Mon
     stored = material_of_two(8)
     result = QUICK["auto"](stored, "gltf", "beckmann", "mitchell", WRAP, lambda _: None)
     assert result.weights is None
-    assert result.promise is not None and not result.promise.left_out
-    assert not any("neural" in each.sources for each in result.promise.levels)
+    assert result.measured is not None and not result.measured.left_out
+    assert not any("neural" in each.sources for each in result.measured.levels)
     info = next(info for info in list_weights() if "mitchell" not in info.pixel_filters)
     with pytest.raises(UsageError, match=rf"weights {info.name} are for"):
         method_named("auto", weights=info.name)(stored, "gltf", "beckmann", "mitchell", WRAP, lambda _: None)
 
 
 @pytest.mark.long
-def test_the_promise_is_kept_in_files(tmp_path) -> None:
+def test_what_was_measured_is_kept_in_files(tmp_path) -> None:
     stored = material_of_two(8)
     texture_set = TextureSet.from_arrays(
         "two",
@@ -412,14 +414,14 @@ def test_the_promise_is_kept_in_files(tmp_path) -> None:
     assert bake(texture_set, "linear").provenance.promise is None
 
 
-def test_promises_of_other_shapes_are_refused() -> None:
-    assert promise_from(None) is None
+def test_figures_of_other_shapes_are_refused() -> None:
+    assert measured_from(None) is None
     figures = {"near-mirror": 1.0, "hemisphere": 2.0}
     level = {"level": 0, "sources": ["linear (box)"], "refined": 0.0, "snr": figures, "standard_error": figures}
     level |= {"best_closed_form": {name: "linear (box)" for name in figures}, "best_closed_form_snr": figures}
     level |= {"gain_error": figures}
     right = {"levels": [level], "pairs": 64, "points": 8, "left_out": []}
-    found = promise_from(right)
+    found = measured_from(right)
     assert found is not None and found.levels[0].snr == figures
     for wrong, sentence in (
         ([], "the promise is a list: expected an object"),
@@ -435,7 +437,7 @@ def test_promises_of_other_shapes_are_refused() -> None:
         ({**right, "levels": [{**level, "snr": {"hemisphere": 2.0}}]}, "level 0 .* different pair sets"),
     ):
         with pytest.raises(ValueError, match=sentence):
-            promise_from(wrong)
+            measured_from(wrong)
 
 
 @pytest.mark.long

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from mipbake.baking import BakeOptions, sets
-from mipbake.baking.methods import Sitting, Stop
+from mipbake.baking.methods import LongRun, Stop
 from mipbake.library import bake_library
 
 from .batch_inline import Inline, aged, counts, inline_workers
@@ -45,25 +45,25 @@ def content(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-def sittings(monkeypatch: pytest.MonkeyPatch, cut_off: bool = False, told: list[str] | None = None) -> list[Sitting]:
-    """The sittings of bakes from now on.
+def long_runs(monkeypatch: pytest.MonkeyPatch, cut_off: bool = False, told: list[str] | None = None) -> list[LongRun]:
+    """The long runs of bakes from now on.
 
     Args:
         cut_off: whether each is stopped when it has a checkpoint, and the process ends then.
         told: takes what they tell.
     """
-    found: list[Sitting] = []
-    plain = sets.bake_in_sitting
+    found: list[LongRun] = []
+    plain = sets.bake_stoppable
 
-    def bake_in_sitting(*arguments: Any) -> Any:
-        *others, sitting = arguments
-        found.append(sitting)
+    def bake_stoppable(*arguments: Any) -> Any:
+        *others, long_run = arguments
+        found.append(long_run)
         if cut_off:
-            plain(*others, replace(sitting, descending=stopped_at_once))
+            plain(*others, replace(long_run, descending=stopped_at_once))
             raise CutOffError
-        return plain(*others, sitting if told is None else replace(sitting, told=told.append))
+        return plain(*others, long_run if told is None else replace(long_run, note=told.append))
 
-    monkeypatch.setattr(sets, "bake_in_sitting", bake_in_sitting)
+    monkeypatch.setattr(sets, "bake_stoppable", bake_stoppable)
     return found
 
 
@@ -72,13 +72,13 @@ def test_a_search_goes_on_in_the_next_batch(library: Path, inline: Inline, monke
     whole, out = library.parent / "whole", library.parent / "out"
     assert counts(bake_library(library, whole, REFINE)) == (1, 0, 0)
     with monkeypatch.context() as patch:
-        sittings(patch, cut_off=True)
+        long_runs(patch, cut_off=True)
         with pytest.raises(CutOffError):
             bake_library(library, out, REFINE)
     kept = out / "metals/steel/.steel.search"
     assert (kept / "start.npz").is_file() and not (out / "metals/steel/steel").exists()
     told: list[str] = []
-    sittings(monkeypatch, told=told)
+    long_runs(monkeypatch, told=told)
     assert counts(bake_library(library, out, REFINE)) == (1, 0, 0)
     assert told and told[0].startswith(f"going on from the checkpoint {kept}")
     assert content(out / "metals/steel/steel") == content(whole / "metals/steel/steel") and not kept.exists()

@@ -25,7 +25,7 @@ from mipbake.source.options import LoadOptions
 from mipbake.stack.containers import DEFAULT_FORMAT, FORMATS
 from mipbake.stack.packing import PACKINGS
 from mipbake.stack.presets import PRESETS
-from mipbake.stack.promise import LevelPromise, Promise
+from mipbake.stack.promise import Measured, MeasuredLevel
 from mipbake.stack.stack import Provenance
 
 from .command_line import bumps, fails, tree, write_set
@@ -290,8 +290,8 @@ def test_signals_leave_nothing_behind(tmp_path, number, code):
 @pytest.mark.parametrize(("aim", "gain", "noted"), [(0.5, -1.0, True), (0.5, 1.0, False), (0.0, -1.0, False)])
 def test_a_bake_behind_a_closed_form_says_what_else_was_asked_for(aim: float, gain: float, noted: bool) -> None:
     measured = ({"sharp": 10.0 + gain}, {"sharp": 0.1}, {"sharp": "lean (box)"}, {"sharp": 10.0}, {"sharp": 0.1})
-    found = LevelPromise(*measured, 0, ("neural",), 0.0)
-    lines = promise_lines(Provenance("auto", "gaussian", promise=Promise((found,), 8, 8), aim=aim))
+    found = MeasuredLevel(*measured, 0, ("neural",), 0.0)
+    lines = promise_lines(Provenance("auto", "gaussian", promise=Measured((found,), 8, 8), aim=aim))
     assert len(lines) == 1 + noted  # nothing of pictures, which were not measured
     assert f"{gain:+.1f} in the mean" in lines[0] and any("--aim 0 asks" in line for line in lines) == noted
 
@@ -299,7 +299,7 @@ def test_a_bake_behind_a_closed_form_says_what_else_was_asked_for(aim: float, ga
 @pytest.mark.parametrize(("visible", "same"), [(0.7, False), (0.99, True)])
 def test_a_bake_says_where_plain_maps_look_the_same(visible: float, same: bool) -> None:
     figures = ({"sharp": 1.0}, {"sharp": 0.1}, {"sharp": "lean (box)"}, {"sharp": 1.0}, {"sharp": 0.1})
-    promise = Promise((LevelPromise(*figures, 0, ("neural",), 0.0),), 8, 8, visible=visible)
+    promise = Measured((MeasuredLevel(*figures, 0, ("neural",), 0.0),), 8, 8, visible=visible)
     lines = promise_lines(Provenance("auto", "gaussian", promise=promise))
     assert f"{visible:.0%} of what plain MIP maps have" in lines[1]
     assert any("look the same" in line for line in lines) == same

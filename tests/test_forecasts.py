@@ -10,9 +10,9 @@ import pytest
 
 from mipbake.baking.search import forecast
 from mipbake.baking.search.forecast import FEWEST, Forecast, cost_of_round
+from mipbake.baking.search.long_run import time_text
 from mipbake.baking.search.methods import REFINING
 from mipbake.baking.search.regions import timed_regions
-from mipbake.baking.search.sitting import spoken_time
 from mipbake.quality.reference.problem import Problem
 
 PROBLEM = Problem(np.zeros((2048, 1024, 8), np.float32), "gltf", "gltf", "gaussian", ("wrap", "wrap"))
@@ -79,7 +79,7 @@ def test_without_a_limit_the_most_that_it_takes_is_told(monkeypatch: pytest.Monk
     ((when, sentence),) = told
     assert 10 <= when < 20
     assert sentence == (
-        f"all 60 rounds of every level would take about {spoken_time(end - when)} from now: the search takes at most "
+        f"all 60 rounds of every level would take about {time_text(end - when)} from now: the search takes at most "
         "so long, and less where nothing moves any more"
     )
 
@@ -95,7 +95,7 @@ def test_it_is_told_how_far_the_budget_reaches(monkeypatch: pytest.MonkeyPatch, 
         sentence,
     )
     assert found and abs(int(found[2] or 0) - np.mean(reached)) <= 0.1 * np.mean(reached) + 1, (sentence, reached)
-    assert found[3] in {spoken_time(ALL + 5 + more) for more in np.linspace(-0.03, 0.03, 31) * ALL}
+    assert found[3] in {time_text(ALL + 5 + more) for more in np.linspace(-0.03, 0.03, 31) * ALL}
 
 
 def test_a_budget_that_is_enough_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -103,7 +103,7 @@ def test_a_budget_that_is_enough_is_told(monkeypatch: pytest.MonkeyPatch) -> Non
     ((when, sentence),) = told
     assert set(reached) == {60}
     assert sentence.startswith("the budget reaches all 60 rounds of every level, which take at most about ")
-    assert sentence.endswith(f" {spoken_time(end - when)} from now")
+    assert sentence.endswith(f" {time_text(end - when)} from now")
 
 
 def test_a_forecast_that_turns_out_to_be_wrong_is_told_again(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -120,4 +120,4 @@ def test_a_forecast_that_turns_out_to_be_wrong_is_told_again(monkeypatch: pytest
     [(0.0, "0 s"), (9.96, "10 s"), (59.9, "1 min"), (45, "45 s"), (725, "12 min"), (5400, "1.5 h"), (50_000, "14 h")],
 )
 def test_times_are_told_in_two_digits(seconds: float, text: str) -> None:
-    assert spoken_time(seconds) == text
+    assert time_text(seconds) == text

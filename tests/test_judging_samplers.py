@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mipbake.baking.search.lookups import Lookups
 from mipbake.baking.search.pixel_samples import Chunk, common_pairs, estimates
-from mipbake.baking.search.rounds import Drawn, gradients_of
+from mipbake.baking.search.rounds import Drawn, Lookups, gradients_of
 from mipbake.material.aim import TRILINEAR, Sampler
 from mipbake.quality.figures import Candidate, Method
 from mipbake.quality.judging.probes import ProbeEffort

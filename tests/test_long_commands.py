@@ -57,7 +57,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def in_one(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
-    """The files of the result of one sitting."""
+    """The files of the result of a search that nothing interrupts."""
     out = tmp_path_factory.mktemp("out")
     assert ended(command("", folder, out))[0] == 0
     assert [path.name for path in out.iterdir()] == ["metal"]

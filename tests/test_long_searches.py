@@ -1,4 +1,4 @@
-"""Searches that are stopped, killed and gone on with: what is kept of them, and what is said."""
+"""Searches that are stopped, killed and resumed: what is kept of them, and what is said."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from mipbake.baking import Listener, bake_sources
 from mipbake.baking.methods import PrefilterResult
 from mipbake.baking.search import checkpoint
 from mipbake.baking.search.checkpoint import Checkpoint, Kept, discard
-from mipbake.baking.search.sitting import Sitting, Stop, never
+from mipbake.baking.search.long_run import LongRun, Stop, never
 from mipbake.base import checkpoints
 from mipbake.base.errors import UsageError
 from mipbake.cli.bake_stopping import Stopping
@@ -64,18 +64,18 @@ def searched(
     stored: Any = STORED,
     **options: Any,
 ) -> PrefilterResult:
-    method = ManyRegions(**{"budget": "best", "sitting": Sitting(path, lambda: nullcontext(stop), told), **options})
+    method = ManyRegions(**{"budget": "best", "long_run": LongRun(path, lambda: nullcontext(stop), told), **options})
     return method(stored, "gltf", "gltf", "gaussian", WRAP, lambda _: None)
 
 
 def same(first: PrefilterResult, second: PrefilterResult) -> bool:
     levels = zip(first.levels, second.levels, strict=True)
-    return all(np.array_equal(one, other) for one, other in levels) and first.promise == second.promise
+    return all(np.array_equal(one, other) for one, other in levels) and first.measured == second.measured
 
 
 @pytest.fixture(scope="module")
 def whole() -> PrefilterResult:
-    """The search, in one sitting."""
+    """The search, uninterrupted."""
     return searched(None)
 
 
@@ -114,8 +114,8 @@ def test_more_than_ten_regions_are_gone_on_with(tmp_path: Path) -> None:
 
 def test_a_search_that_is_stopped_at_once_has_its_start(tmp_path: Path, whole: PrefilterResult) -> None:
     found = searched(tmp_path / "kept", lambda: True)
-    assert found.stopped and found.promise is not None
-    assert {each.refined for each in found.promise.levels} == {0.0}
+    assert found.stopped and found.measured is not None
+    assert {each.refined for each in found.measured.levels} == {0.0}
     assert same(searched(tmp_path / "kept"), whole)
 
 

@@ -12,10 +12,10 @@ import mipbake
 from mipbake.baking.bake import Recipe
 from mipbake.baking.methods import METHODS, OPTIONS, method_named
 from mipbake.baking.neural import Neural
-from mipbake.baking.search.descent_effort import DescentEffort
+from mipbake.baking.search.long_run import seconds_of
 from mipbake.baking.search.methods import REFINE_SECONDS, Auto, Optimum, Refine, Searching
 from mipbake.baking.search.stages import Descend
-from mipbake.baking.search.time_budget import seconds_of
+from mipbake.baking.search.texel_descent import DescentEffort
 from mipbake.base.errors import UsageError
 from mipbake.material import MODELS, convert
 from mipbake.material.aim import ANISOTROPIC, Sampler

@@ -19,11 +19,11 @@ from mipbake import material
 from mipbake.baking.methods import method_named
 from mipbake.baking.search import crops, picture_samples, texel_coordinates, texel_descent
 from mipbake.baking.search.blending import best
-from mipbake.baking.search.descent_effort import DescentEffort
 from mipbake.baking.search.ingredients import closed_forms
 from mipbake.baking.search.methods import Optimum
 from mipbake.baking.search.regions import timed_regions
 from mipbake.baking.search.stages import Clock, Descend, Gather, Keep, Make, Search, Stage, Work
+from mipbake.baking.search.texel_descent import DescentEffort
 from mipbake.base.errors import UsageError
 from mipbake.material.aim import ANISOTROPIC, TRILINEAR, Sampler
 from mipbake.material.pixel_filter import level_sizes
@@ -118,14 +118,14 @@ def test_single_lights_alone_count() -> None:
 
 
 @pytest.mark.long
-def test_the_promise_says_what_was_kept() -> None:
+def test_what_was_kept_is_measured() -> None:
     shares: list[float] = []
     result = Optimum(effort=EFFORT, descent=TINY)(bumpy(16, 16), "gltf", "gltf", "gaussian", WRAP, shares.append)
     assert shares == sorted(shares) and shares[-1] == 1
-    assert result.promise is not None and result.weights is None
-    assert [each.level for each in result.promise.levels] == list(range(5))
-    assert all(0 <= each.refined <= 1 and len(each.sources) == 1 for each in result.promise.levels)
-    assert max(each.refined for each in result.promise.levels) > 0
+    assert result.measured is not None and result.weights is None
+    assert [each.level for each in result.measured.levels] == list(range(5))
+    assert all(0 <= each.refined <= 1 and len(each.sources) == 1 for each in result.measured.levels)
+    assert max(each.refined for each in result.measured.levels) > 0
 
 
 @pytest.mark.parametrize("model", material.MODELS)

@@ -45,7 +45,7 @@ def test_everything_shows_itself_in_one_short_line(tmp_path: Path) -> None:
     )
     promise = quick_methods()["auto"](
         loaded.material("gltf"), "gltf", "gltf", "gaussian", loaded.wrap, lambda _: None
-    ).promise
+    ).measured
     assert promise is not None
     for each in (stack.files(Output())[0], document, promise):
         assert len(repr(each)) < 400 and "array" not in repr(each)

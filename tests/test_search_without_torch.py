@@ -18,7 +18,7 @@ import numpy as np
 
 from mipbake.quality.judging.probes import ProbeEffort
 from mipbake.baking.search import methods
-from mipbake.baking.search.descent_effort import DescentEffort
+from mipbake.baking.search.texel_descent import DescentEffort
 
 few = ProbeEffort(groups=2, points=4, samples=2, pictures=8, picture_samples=2)
 one = DescentEffort(rounds=2, pairs=8, looks=few)
@@ -30,7 +30,7 @@ method = type("Plain", (getattr(methods, sys.argv[1]),), {"learned": False})
 result = method(budget="best", effort=few, descent=one)(
     stored, "gltf", sys.argv[2], "gaussian", ("wrap", "wrap"), lambda _: None
 )
-assert any(level.refined for level in result.promise.levels)
+assert any(level.refined for level in result.measured.levels)
 print([name for name in sys.modules if name.split(".")[0] == "torch"])
 """
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mipbake.baking.search.small_systems import factored, solved
+from mipbake.baking.search.gauss_newton import factored, solved
 
 SYSTEMS = 40
 

@@ -11,8 +11,7 @@ from mipbake.baking.rules.closed_form import ClosedForm
 from mipbake.baking.rules.form import Form, Whole
 from mipbake.baking.rules.together import Together
 from mipbake.baking.search import touched
-from mipbake.baking.search.mixing import mixed
-from mipbake.baking.search.touched import Touched
+from mipbake.baking.search.touched import Touched, mixed
 from mipbake.material import regularise
 from mipbake.material.aim import SAMPLERS
 from mipbake.material.pixel_filter import Wrap

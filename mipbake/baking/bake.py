@@ -9,9 +9,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mipbake.baking.methods import METHODS, OPTIONS, Prefilter, Sitting, Stop, discard, method_named
+from mipbake.baking.methods import METHODS, OPTIONS, LongRun, Prefilter, Stop, discard, method_named
 from mipbake.baking.prefilter import say
-from mipbake.baking.search.time_budget import BEST
+from mipbake.baking.search.long_run import BEST
 from mipbake.base.device import PROCESSOR
 from mipbake.base.errors import UsageError
 from mipbake.base.options import one_of, option
@@ -164,9 +164,9 @@ class Recipe:
         _check_target(target)
         return made
 
-    def prefilter(self, sitting: Sitting | None = None) -> Prefilter:
+    def prefilter(self, long_run: LongRun | None = None) -> Prefilter:
         """The method, with what was chosen for it. UsageError where it does not take that; see `method_named`."""
-        return method_named(self.method, self.weights, self.budget, self.sampler, self.aim, self.device, sitting)
+        return method_named(self.method, self.weights, self.budget, self.sampler, self.aim, self.device, long_run)
 
     def model(self, texture_set: TextureSet) -> str:
         """The material model that the target means for a set."""
@@ -234,15 +234,15 @@ def bake(
     recipe = with_overrides(Recipe(method, target, pixel_filter), options).resolved()
     texture_set = source if isinstance(source, TextureSet) else load(source)
     kept = None if checkpoint is None else Path(checkpoint)
-    sitting = Sitting(kept, lambda: nullcontext(stop or (lambda: False)), partial(say, progress))
-    stack, stopped = bake_in_sitting(texture_set, recipe, progress, sitting)
+    long_run = LongRun(kept, lambda: nullcontext(stop or (lambda: False)), partial(say, progress))
+    stack, stopped = bake_stoppable(texture_set, recipe, progress, long_run)
     if kept is not None and not stopped:
         discard(kept)
     return stack
 
 
-def bake_in_sitting(
-    texture_set: TextureSet, recipe: Recipe, progress: PhaseProgress, sitting: Sitting
+def bake_stoppable(
+    texture_set: TextureSet, recipe: Recipe, progress: PhaseProgress, long_run: LongRun
 ) -> tuple[MipStack, bool]:
     """As `bake`, for a recipe that is resolved and a search that may be kept and stopped; a checkpoint is left to the
     caller.
@@ -255,14 +255,14 @@ def bake_in_sitting(
     source = texture_set.source_model
     seen = shown(texture_set)
     stored, opacity = seen.material(source), opacity_of(texture_set)
-    result = recipe.prefilter(sitting)(stored, source, model, kernel, texture_set.wrap, _Prefiltering(progress))
+    result = recipe.prefilter(long_run)(stored, source, model, kernel, texture_set.wrap, _Prefiltering(progress))
     if any(not_finite(level) for level in result.levels):
         raise AssertionError(f"{recipe.method} produced values that are not finite for {texture_set.name!r}")
-    levels, promise = result.levels, result.promise
+    levels, measured = result.levels, result.measured
     if opacity is not None and model in GLTF_MODELS:
-        # Models of glTF store base colours first, as the source does. What was promised was measured before.
+        # Models of glTF store base colours first, as the source does. The figures were measured before.
         levels = covering(levels, stored, opacity, channels_of(model, "base_color"), kernel, texture_set.wrap)
-        promise = None
+        measured = None
     extra = {}
     for index, (role, texture) in enumerate(texture_set.plain_maps.items()):
         extra[role] = filtered_levels(texture.pixels, "box", texture_set.wrap)
@@ -288,7 +288,7 @@ def bake_in_sitting(
             sources={m.source.path.name: m.source.sha256 for m in texture_set.maps.values() if m.source.path},
             source_hash=texture_set.source_hash,
             warnings=warnings,
-            promise=promise,
+            promise=measured,
             alpha_cutoff=texture_set.alpha_cutoff,
         ),
         source_files=source_files(texture_set),

@@ -13,8 +13,8 @@ from mipbake.baking.neural import Neural
 from mipbake.baking.prefilter import Prefilter, PrefilterResult
 from mipbake.baking.rules import RULES
 from mipbake.baking.search.checkpoint import discard, size_of
+from mipbake.baking.search.long_run import LongRun, Stop
 from mipbake.baking.search.methods import Auto, Optimum, Refine
-from mipbake.baking.search.sitting import Sitting, Stop
 from mipbake.base.errors import UsageError
 from mipbake.material.aim import Sampler, sampler_of
 
@@ -34,9 +34,9 @@ _MAKERS: Mapping[str, Callable[..., Prefilter]] = {each.name: each for each in (
 __all__ = [
     "METHODS",
     "OPTIONS",
+    "LongRun",
     "Prefilter",
     "PrefilterResult",
-    "Sitting",
     "Stop",
     "discard",
     "method_named",
@@ -51,7 +51,7 @@ def method_named(
     sampler: Sampler | str | None = None,
     aim: float | None = None,
     device: str | None = None,
-    sitting: Sitting | None = None,
+    long_run: LongRun | None = None,
 ) -> Prefilter:
     """The method of that name, with what was chosen for it.
 
@@ -64,7 +64,7 @@ def method_named(
             (`mipbake.material.aim.sampler_named`); None for the default one.
         aim: from 0, SNR under single lights, to 1, what people see in moving pictures; None for the default one.
         device: where a network runs: `cpu`, or `cuda` or `cuda:1` for a graphics card; None for `cpu`.
-        sitting: what a search that may take long is given beside its work; other methods do without.
+        long_run: who may stop a search that takes long, and where it is kept; other methods do without.
 
     Raises:
         UsageError: an unknown name, with the list of names; an option that the method does not take; unknown weights or
@@ -86,6 +86,6 @@ def method_named(
             raise UsageError(
                 f"method {name} takes no {option}: leave it out, or choose one of {', '.join(OPTIONS[option])}"
             )
-    if sitting is not None and name in OPTIONS["budget"]:
-        given["sitting"] = sitting
+    if long_run is not None and name in OPTIONS["budget"]:
+        given["long_run"] = long_run
     return _MAKERS[name](**given) if given else METHODS[name]

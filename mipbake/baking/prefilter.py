@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from mipbake.material.aim import Sampler
 from mipbake.material.pixel_filter import Wrap
-from mipbake.stack.promise import Promise
+from mipbake.stack.promise import Measured
 
 Progress = Callable[[float], None]
-"""Is told the finished share of the work, from 0 to 1."""
+"""Takes the finished share of the work, from 0 to 1."""
 
 
 @runtime_checkable
@@ -26,7 +26,7 @@ class Notes(Protocol):
 
 
 def say(progress: object, text: str) -> None:
-    """Tells a progress that takes notes."""
+    """Shows a text, where a progress takes notes."""
     if isinstance(progress, Notes):
         progress.note(text)
 
@@ -39,7 +39,7 @@ class PrefilterResult:
         levels: (H_L, W_L, C) float32 stored channels of the target model, level 0 to 1 x 1.
         weights: name of the trained weights; None for closed forms.
         weights_sha256: hash of the weights; None for closed forms.
-        promise: what was measured while it was made; None for methods that measure nothing.
+        measured: of the finished levels; None for methods that measure nothing.
         sampler: that the levels are made for. aim: from 0, SNR under single lights, to 1, what people see. None for
             methods that take none.
         stopped: whether a search was stopped before it was done.
@@ -48,7 +48,7 @@ class PrefilterResult:
     levels: list[NDArray[np.float32]]
     weights: str | None = None
     weights_sha256: str | None = None
-    promise: Promise | None = None
+    measured: Measured | None = None
     sampler: Sampler | None = None
     aim: float | None = None
     stopped: bool = False

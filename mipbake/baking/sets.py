@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Literal, TypeAlias
 
 from mipbake.baking.adjust import adjusted
-from mipbake.baking.bake import STOPPED, bake_in_sitting
-from mipbake.baking.methods import METHODS, Sitting, discard, size_of
+from mipbake.baking.bake import STOPPED, bake_stoppable
+from mipbake.baking.methods import METHODS, LongRun, discard, size_of
 from mipbake.baking.options import Asked
 from mipbake.baking.recipe import Ingredients, stopped
 from mipbake.baking.results import BakedSet, Listener, WrittenFile
@@ -129,8 +129,8 @@ def _bake(
     with listener.timings(whole.name) as baking:
         baking.seconds.update(reading.seconds)
         checkpoint = checkpoint_of(job, read, out) if run.keeps else None
-        sitting = Sitting(checkpoint, listener.descending, listener.note)
-        baked, was_stopped = bake_in_sitting(whole, asked.options, baking, sitting)
+        long_run = LongRun(checkpoint, listener.descending, listener.note)
+        baked, was_stopped = bake_stoppable(whole, asked.options, baking, long_run)
         baked = adjusted(baked, whole, asked.adjustments)
         recipe = stopped(recipe) if was_stopped else recipe
         baked = replace(baked, provenance=replace(baked.provenance, recipe=recipe))

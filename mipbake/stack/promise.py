@@ -1,4 +1,4 @@
-"""What a stack promises: where its levels came from, and how they and lookups between them measured."""
+"""What was measured of a stack: where its levels came from, and how they and lookups between them measured."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _SAME = 0.96
 
 
 @dataclass(frozen=True)
-class _Measured:
+class _Figures:
     """Measured on renders that nothing was fitted to and that decided nothing.
 
     Figures are SNR in dB against the pixel-filtered reference, means over groups of 64 light-view pairs, by pair set
@@ -35,7 +35,7 @@ class _Measured:
 
 
 @dataclass(frozen=True)
-class LevelPromise(_Measured):
+class MeasuredLevel(_Figures):
     """A level of a stack.
 
     Args:
@@ -50,7 +50,7 @@ class LevelPromise(_Measured):
 
 
 @dataclass(frozen=True)
-class BetweenPromise(_Measured):
+class MeasuredBetween(_Figures):
     """A lookup halfway between two levels of a stack.
 
     Args:
@@ -61,7 +61,7 @@ class BetweenPromise(_Measured):
 
 
 @dataclass(frozen=True)
-class Promise:
+class Measured:
     """How every level, and every lookup halfway between two, measured beside the best closed form.
 
     Levels that were found behind it by more than the measure is uncertain by gave way to the safest ingredient, as far
@@ -77,11 +77,11 @@ class Promise:
             versions that did not measure it.
     """
 
-    levels: tuple[LevelPromise, ...]
+    levels: tuple[MeasuredLevel, ...]
     pairs: int
     points: int
     left_out: tuple[str, ...] = ()
-    between: tuple[BetweenPromise, ...] = ()
+    between: tuple[MeasuredBetween, ...] = ()
     visible: float | None = None
 
     @property
@@ -92,7 +92,7 @@ class Promise:
     def __repr__(self) -> str:
         """A description in one line."""
         figures = "; ".join(f"{name}: {self.summary(name)}" for name in self.levels[0].snr) if self.levels else "none"
-        return f"Promise({len(self.levels)} levels, {figures})"
+        return f"Measured({len(self.levels)} levels, {figures})"
 
     def summary(self, pair_set: str) -> str:
         """What the stack gains over the best closed forms, at levels and between them: least, most, mean, and error."""
@@ -104,30 +104,30 @@ class Promise:
             f"{min(gains):+.1f} to {max(gains):+.1f} dB, {middle:+.1f} in the mean (standard error {error:.1f} at most)"
         )
 
-    def first(self, count: int) -> Promise:
-        """The promise for the first levels of the stack alone."""
+    def first(self, count: int) -> Measured:
+        """The same for the first levels of the stack alone."""
         return replace(self, levels=self.levels[:count], between=self.between[: max(0, count - 1)])
 
 
-def promise_from(content: object) -> Promise | None:
-    """A promise from what JSON holds; None for null. ValueError, with what was expected, where it is not a promise."""
+def measured_from(content: object) -> Measured | None:
+    """What JSON holds, where files call it "promise"; None for null. ValueError, with what was expected, else."""
     if content is None:
         return None
     if isinstance(content, dict):
         content = {"between": [], "visible": None, **content}
-    whole = _checked("the promise", content, Promise)
+    whole = _checked("the promise", content, Measured)
     if not isinstance(whole["levels"], list) or not whole["levels"]:
         raise ValueError(f"levels of the promise is {_kind(whole['levels'])}: expected a list of levels")
     if not isinstance(whole["between"], list):
         raise ValueError(f"between of the promise is {_kind(whole['between'])}: expected a list of lookups")
-    levels = [_figures(f"level {i} of the promise", each, LevelPromise) for i, each in enumerate(whole["levels"])]
-    between = [_figures(f"lookup {i} of the promise", each, BetweenPromise) for i, each in enumerate(whole["between"])]
-    return Promise(
-        tuple(LevelPromise(**{**each, "sources": tuple(each["sources"])}) for each in levels),
+    levels = [_figures(f"level {i} of the promise", each, MeasuredLevel) for i, each in enumerate(whole["levels"])]
+    between = [_figures(f"lookup {i} of the promise", each, MeasuredBetween) for i, each in enumerate(whole["between"])]
+    return Measured(
+        tuple(MeasuredLevel(**{**each, "sources": tuple(each["sources"])}) for each in levels),
         whole["pairs"],
         whole["points"],
         tuple(whole["left_out"]),
-        tuple(BetweenPromise(**each) for each in between),
+        tuple(MeasuredBetween(**each) for each in between),
         whole["visible"],
     )
 
@@ -145,7 +145,7 @@ _BY_SET = (*_FIGURES, "best_closed_form")
 
 
 def _checked(what: str, content: object, kind: type) -> dict[str, Any]:
-    """The fields of a promise or a part of it. ValueError where one is missing, unknown or of another type."""
+    """The fields of what was measured or a part of it. ValueError where one is missing, unknown or of another type."""
     if not isinstance(content, dict):
         raise ValueError(f"{what} is {_kind(content)}: expected an object")
     names = {field.name for field in fields(kind)}

@@ -34,7 +34,7 @@ from mipbake.stack.map_files import MapFile, listed_files, save_maps, write_file
 from mipbake.stack.output import GLB, Output, check_outputs, planned
 from mipbake.stack.packing import unpacked
 from mipbake.stack.presets import preset_named, wanted_outputs
-from mipbake.stack.promise import promise_from
+from mipbake.stack.promise import measured_from
 from mipbake.stack.sidecars import FORMAT, check_sidecar, sidecar_named
 from mipbake.stack.stack import MipStack, Provenance
 
@@ -174,7 +174,7 @@ def open_stack(path: str | Path) -> MipStack:
 def _read_provenance(content: Mapping[str, Any]) -> Provenance:
     read = {
         "warnings": tuple(content["warnings"]),
-        "promise": promise_from(content.get("promise")),
+        "promise": measured_from(content.get("promise")),
         "adjustments": tuple(content.get("adjustments", ())),
         "sampler": None if content.get("sampler") is None else sampler_from(content["sampler"]),
     }

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from mipbake.stack.checking import Check
     from mipbake.stack.gltf.glb import Encoded
     from mipbake.stack.output import Output
-    from mipbake.stack.promise import Promise
+    from mipbake.stack.promise import Measured
 
 Fingerprint: TypeAlias = Mapping[str, str]
 """Hashes of what a result is made from: its "sources" and how they are read, the "options" and the "weights". What
@@ -65,7 +65,7 @@ class Provenance:
     sources: Mapping[str, str] = field(default_factory=dict)
     source_hash: str = ""
     warnings: tuple[str, ...] = ()
-    promise: Promise | None = None
+    promise: Measured | None = None
     adjustments: tuple[str, ...] = ()
     alpha_cutoff: float | None = None
     recipe: Fingerprint = field(default_factory=dict)

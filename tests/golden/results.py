@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.baking.methods import METHODS, Prefilter
-from mipbake.baking.search.descent_effort import DescentEffort
 from mipbake.baking.search.methods import Optimum, Refine
+from mipbake.baking.search.texel_descent import DescentEffort
 from mipbake.comparing.filming import FilmSettings, films_of, taken
 from mipbake.comparing.pictures import RenderSettings
 from mipbake.material.aim import SAMPLERS

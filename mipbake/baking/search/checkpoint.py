@@ -178,8 +178,8 @@ class Checkpoint:
         if self._key is None:
             _remove(self.path, folder=False)  # what another search, or a process that was killed, has left
             key, (arrays, names) = uuid.uuid4().hex, _start_parts(start)
-            own = {"version": __version__, "of": self._of, "key": key}
-            _write(self.path / _START, arrays, {**about, **own, **names})
+            of = {"version": __version__, "of": self._of, "key": key}
+            _write(self.path / _START, arrays, {**about, **of, **names})
             self._key = key
         for index in [each for each in done if each not in self._done]:
             windows = [(level, *((s.start, s.stop) for s in at)) for level, at in done[index].items()]

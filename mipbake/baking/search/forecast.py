@@ -7,18 +7,17 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from mipbake.baking.search.descent_effort import DescentEffort
+from mipbake.baking.search.long_run import time_text
 from mipbake.baking.search.pixel_samples import samples_at
 from mipbake.baking.search.regions import TimedRegion
-from mipbake.baking.search.sitting import spoken_time
-from mipbake.baking.search.texel_descent import pixels_of_round, renders_of_pixel
+from mipbake.baking.search.texel_descent import DescentEffort, pixels_of_round, renders_of_pixel
 from mipbake.quality.reference.problem import Problem
 
 FEWEST = 3
 """Rounds that are worth beginning with a region."""
 
 _SECONDS, _SHARE = 10.0, 0.1  # of descending, or of the budget, after which a forecast is made
-_OTHER = 1.5  # factor by which a forecast must have been wrong to be told again
+_OTHER = 1.5  # factor by which a forecast must have been wrong to be given again
 # What a round costs, in renders of a pixel. Measured once for a set of 1024 texels a side, and held to no record: a
 # reference sample of a render costs so much, and the pictures of a level as much as so many renders.
 _SAMPLE, _PICTURES = 1 / 35, 4e5
@@ -54,7 +53,7 @@ class Forecast:
     Args:
         problem, effort: of the descent. regions: all of them. todo: indices of regions to work on, in their order.
         began: time.monotonic() when the search began. seconds: its limit of time; infinite for none.
-        end: time.monotonic() when the descent has to end. told: hears the sentence.
+        end: time.monotonic() when the descent has to end. note: takes the sentence.
     """
 
     def __init__(
@@ -66,18 +65,18 @@ class Forecast:
         began: float,
         seconds: float,
         end: float,
-        told: Callable[[str], None],
+        note: Callable[[str], None],
     ) -> None:
         self._costs = [cost_of_round(problem, timed, effort) for timed in regions]
         self._regions, self._rounds = regions, effort.rounds
-        self._began, self._seconds, self._end, self._told = began, seconds, end, told
+        self._began, self._seconds, self._end, self._note = began, seconds, end, note
         self._start = time.monotonic()
         # What rounds cost, and how long they took, but for the first round of each region: what comes before it takes
         # longer in the first region than in all others.
         self._spent, self._taken = 0.0, 0.0
         self._last: float | None = None
         self._todo = [self._costs[index] for index in todo]
-        self._spoken: float | None = None  # the pace of what was told
+        self._announced: float | None = None  # the pace of the last forecast
 
     def begun(self, index: int, until: float) -> None:
         """A region was begun; it ends at a time.monotonic()."""
@@ -94,10 +93,10 @@ class Forecast:
         if not self._taken or now - self._start < min(_SECONDS, _SHARE * self._seconds):
             return
         pace = self._taken / self._spent
-        if self._spoken is not None and 1 / _OTHER < pace / self._spoken < _OTHER:
+        if self._announced is not None and 1 / _OTHER < pace / self._announced < _OTHER:
             return
-        self._told(self._sentence(self.ahead(todo, pace, now), pace))
-        self._spoken = pace
+        self._note(self._sentence(self.ahead(todo, pace, now), pace))
+        self._announced = pace
 
     def round_seconds(self, index: int) -> float:
         """How long a round of a region takes; 0 where nothing is known yet."""
@@ -128,11 +127,11 @@ class Forecast:
         every = f"all {self._rounds} rounds of every level"
         if ahead.rounds is None:
             return (
-                f"{every} would take about {spoken_time(ahead.seconds)} from now: the search takes at most so long, "
+                f"{every} would take about {time_text(ahead.seconds)} from now: the search takes at most so long, "
                 "and less where nothing moves any more"
             )
         if ahead.rounds > self._rounds - 1:
-            return f"the budget reaches {every}, which take at most about {spoken_time(ahead.seconds)} from now"
-        whole = spoken_time(self._start - self._began + (self._rounds + _BEGINNING) * sum(self._todo) * pace)
+            return f"the budget reaches {every}, which take at most about {time_text(ahead.seconds)} from now"
+        whole = time_text(self._start - self._began + (self._rounds + _BEGINNING) * sum(self._todo) * pace)
         reach = f"about {ahead.rounds:.0f} of {self._rounds} rounds" if ahead.rounds >= 0.5 else "no rounds"
         return f"the budget reaches {reach} of level 0: {every} would take a budget of about {whole}"

@@ -25,8 +25,7 @@ from mipbake.baking.rules.form import Form, Whole
 from mipbake.baking.rules.lean import Lean
 from mipbake.baking.rules.together import Placed, Together
 from mipbake.baking.search import pixel_samples
-from mipbake.baking.search.mixing import mixed
-from mipbake.baking.search.touched import Touched
+from mipbake.baking.search.touched import Touched, mixed
 from mipbake.base.threads import MOSTLY_PYTHON, on_threads, side_by_side
 from mipbake.material import MODELS, directions
 from mipbake.material.directions import facing

@@ -24,7 +24,8 @@ from mipbake.material import MODELS
 from mipbake.quality.judging.judge import Judge
 from mipbake.quality.judging.pairs import SET_SIZE
 from mipbake.quality.judging.probes import mean_squares
-from mipbake.quality.judging.scores import Array, Errors, Scores, blocks, off_by
+from mipbake.quality.judging.scores import Errors, Scores, blocks, off_by
+from mipbake.quality.judging.terms import Array
 from mipbake.quality.metrics.pairs import PAIR_SETS
 from mipbake.quality.metrics.visible import SENSITIVITY, bands_adjoint
 from mipbake.quality.reference.problem import Image

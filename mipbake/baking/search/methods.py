@@ -26,11 +26,10 @@ from mipbake.baking.neural import Neural
 from mipbake.baking.prefilter import PrefilterResult, Progress
 from mipbake.baking.search.blending import best, blend
 from mipbake.baking.search.checkpoint import Checkpoint
-from mipbake.baking.search.descent_effort import DescentEffort
 from mipbake.baking.search.ingredients import Ingredient, closed_forms, ingredient
-from mipbake.baking.search.sitting import ONLY, Sitting
+from mipbake.baking.search.long_run import NOT_KEPT, LongRun, seconds_of
 from mipbake.baking.search.stages import Clock, Descend, Gather, Keep, Make, Search, Stage, Work, resumed
-from mipbake.baking.search.time_budget import seconds_of
+from mipbake.baking.search.texel_descent import DescentEffort
 from mipbake.base import memory
 from mipbake.base.device import PROCESSOR
 from mipbake.base.errors import UsageError
@@ -44,7 +43,7 @@ from mipbake.quality.judging.terms import Array, standard_error
 from mipbake.quality.judging.weights import SINGLE_LIGHTS, Weights, weights_for
 from mipbake.quality.metrics.pairs import PAIR_SETS
 from mipbake.quality.reference.problem import Image, Problem
-from mipbake.stack.promise import BetweenPromise, LevelPromise, Promise
+from mipbake.stack.promise import Measured, MeasuredBetween, MeasuredLevel
 
 REFINE_SECONDS = 120.0
 """Budget of `refine` where none is given."""
@@ -75,7 +74,7 @@ class Searching:
 
     Args:
         weights: trained weights by name; None for the default ones, and without a network where there are none.
-        budget: time as users write it (time_budget.py); None for what is usual. Only without a limit of time are
+        budget: time as users write it (long_run.py); None for what is usual. Only without a limit of time are
             results reproducible.
         seed: seed of all that is drawn.
         effort: of the renders that judge. descent: effort on the levels; None for what is usual.
@@ -83,7 +82,7 @@ class Searching:
         sampler: that will look the stack up.
         aim: from 0, SNR under single lights, to 1, what people see in moving pictures.
         device: where the network runs (`Neural`); all else runs on the processor.
-        sitting: what a long search is given beside its work.
+        long_run: who may stop a search that takes long, and where it is kept.
     """
 
     name: str
@@ -108,14 +107,14 @@ class Searching:
         sampler: Sampler = DEFAULT_SAMPLER,
         aim: float = DEFAULT_AIM,
         device: str = PROCESSOR,
-        sitting: Sitting = ONLY,
+        long_run: LongRun = NOT_KEPT,
     ) -> None:
         self.sampler, self.aim = sampler, checked_aim(aim)
         self._neural, self._named = Neural(weights, sampler, device), weights is not None
         self.budgeted = budget is not None
         self.seconds = self.usual_seconds if budget is None else seconds_of(budget)
         self._seed, self._effort, self._judged_by = seed, effort, judged_by or weights_for(self.aim)
-        self._descent, self._device, self._sitting = descent, device, sitting
+        self._descent, self._device, self._long_run = descent, device, long_run
 
     @property
     def steps(self) -> Sequence[Step]:
@@ -124,7 +123,7 @@ class Searching:
 
     @property
     def long(self) -> bool:
-        """Whether it may take long enough to be stopped, and kept for a later sitting."""
+        """Whether it may take long enough to be stopped, kept and resumed."""
         return True
 
     def __call__(
@@ -135,10 +134,10 @@ class Searching:
         filter_named(pixel_filter)
         problem = Problem(stored, source, target, pixel_filter, wrap, self.sampler)
         ingredients = [*closed_forms(problem), *(self.networks(problem) if self.learned else ())]
-        sitting = self._sitting if self.long else ONLY
-        with self._checkpoint(problem, sitting) as checkpoint:
-            work = Work(problem, ingredients, self._seed, clock, progress, self._judged_by, sitting, checkpoint)
-            search, promise = self._searched(work, progress)
+        long_run = self._long_run if self.long else NOT_KEPT
+        with self._checkpoint(problem, long_run) as checkpoint:
+            work = Work(problem, ingredients, self._seed, clock, progress, self._judged_by, long_run, checkpoint)
+            search, found = self._searched(work, progress)
         progress(1.0)
         taken = any(self._neural.name in sources for sources in search.blend.sources)
         info = self._neural.weights(target, pixel_filter, source) if taken else None
@@ -147,14 +146,14 @@ class Searching:
             search.levels,
             info.name if info else None,
             info.sha256 if info else None,
-            promise,
+            found,
             sampler,
             aim,
             search.stopped,
         )
 
     @one_blas_thread()
-    def _searched(self, work: Work, progress: Progress) -> tuple[Search, Promise]:
+    def _searched(self, work: Work, progress: Progress) -> tuple[Search, Measured]:
         """All stages, and what was measured of the result."""
         done, search = 0.0, resumed(work, self._effort)
         for step in self.steps:
@@ -163,9 +162,9 @@ class Searching:
         return search, measured(search)
 
     @contextmanager
-    def _checkpoint(self, problem: Problem, sitting: Sitting) -> Iterator[Checkpoint | None]:
+    def _checkpoint(self, problem: Problem, long_run: LongRun) -> Iterator[Checkpoint | None]:
         """What the search is kept in, and resumed from; None for nothing."""
-        if sitting.checkpoint is None:
+        if long_run.checkpoint is None:
             yield None
             return
         options = (
@@ -177,7 +176,7 @@ class Searching:
             "options": _hash(options),
             "weights": _hash(self._weights_hash(problem)),
         }
-        made = Checkpoint(sitting.checkpoint, of, self.seconds is not None, sitting.told)
+        made = Checkpoint(long_run.checkpoint, of, self.seconds is not None, long_run.note)
         try:
             yield made
         finally:
@@ -205,7 +204,7 @@ class Searching:
         return [learned]
 
 
-def measured(search: Search) -> Promise:
+def measured(search: Search) -> Measured:
     """What held-out renders say of every level, and halfway between levels."""
     start, sets = search.blend, list(PAIR_SETS)
     found = start.held_out.of_stack(search.levels)
@@ -226,13 +225,13 @@ def measured(search: Search) -> Promise:
         if lod == int(lod):
             level = int(lod)
             sources, kept = start.sources[level], search.kept[level]
-            levels.append(LevelPromise(best_closed_form=best, level=level, sources=sources, refined=kept, **figures))
+            levels.append(MeasuredLevel(best_closed_form=best, level=level, sources=sources, refined=kept, **figures))
         else:
-            between.append(BetweenPromise(best_closed_form=best, lod=lod, **figures))
+            between.append(MeasuredBetween(best_closed_form=best, lod=lod, **figures))
     effort = start.held_out.effort
     pairs, points = effort.groups * SET_SIZE, effort.groups * effort.points
     visible = np.exp(np.mean([score.visible.mean(-1) for score in found] - start.plain))
-    return Promise(tuple(levels), pairs, points, start.left_out, tuple(between), round(float(visible), 4))
+    return Measured(tuple(levels), pairs, points, start.left_out, tuple(between), round(float(visible), 4))
 
 
 def _hash(*content: object) -> str:
@@ -312,10 +311,10 @@ class Optimum(Searching):
         effort: ProbeEffort = EFFORT,
         descent: DescentEffort | None = None,
         judged_by: Weights | None = None,
-        sitting: Sitting = ONLY,
+        long_run: LongRun = NOT_KEPT,
     ) -> None:
         judged_by = judged_by or SINGLE_LIGHTS
-        super().__init__(None, budget, seed, effort, descent, judged_by, sitting=sitting)
+        super().__init__(None, budget, seed, effort, descent, judged_by, long_run=long_run)
 
     @property
     def steps(self) -> Sequence[Step]:

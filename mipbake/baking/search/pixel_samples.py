@@ -37,7 +37,7 @@ _WIDER, _LEAST_ALPHA = 1.2, 0.004
 
 PLAIN = MODELS["gltf"]
 """The model of materials that only steer the search: where half vectors are drawn, and how bright a pair is about. It
-is not the target on purpose. Every source can be told in it, its lobe is round, and so one number is its width."""
+is not the target on purpose. Every source can be written in it, its lobe is round, and so one number is its width."""
 
 
 @dataclass(frozen=True)
@@ -156,8 +156,8 @@ def _chunk(
 ) -> Chunk:
     """Pixels (P, 2), whose lookups have (P,) levels of detail, with light, view, importance and common pairs."""
     frames, share = problem.sampler.frames, share_of(lods, lower)
-    told = lower + (np.zeros(len(lods)) if share is None else share.astype(float))
-    size = covered(problem, told, rng)
+    stated = lower + (np.zeros(len(lods)) if share is None else share.astype(float))
+    size = covered(problem, stated, rng)
     at = frames_at(uv, problem.square_pixels(size), frames)
     every = None if share is None else np.repeat(share, frames)
     return Chunk(level, lower, every, at, Pixels(uv, size), *pairs, frames=frames)

@@ -17,12 +17,11 @@ import numpy as np
 from mipbake.baking.prefilter import Progress, say
 from mipbake.baking.search.blending import Blend, Gathered, between, confirmed, gathered
 from mipbake.baking.search.checkpoint import Checkpoint, Windows, start_of
-from mipbake.baking.search.descent_effort import DescentEffort
 from mipbake.baking.search.forecast import FEWEST, Forecast
 from mipbake.baking.search.ingredients import Ingredient
+from mipbake.baking.search.long_run import NOT_KEPT, LongRun, time_text
 from mipbake.baking.search.regions import COARSE, TimedRegion, timed_regions, window
-from mipbake.baking.search.sitting import ONLY, Sitting, spoken_time
-from mipbake.baking.search.texel_descent import Descent, descend
+from mipbake.baking.search.texel_descent import Descent, DescentEffort, descend
 from mipbake.base import memory
 from mipbake.material import directions
 from mipbake.quality.judging.judge import Baseline, Judge
@@ -62,9 +61,10 @@ class Work:
     Args:
         ingredients: the ingredients.
         seed: of all that is drawn.
-        progress: told the finished share of all stages, and notes.
+        progress: takes the finished share of all stages, and notes.
         judged_by: what errors count.
-        sitting: who may stop a descent, and who hears of it. checkpoint: what the search is kept in; None for nothing.
+        long_run: who may stop a descent, and what takes notes of it.
+        checkpoint: what the search is kept in; None for nothing.
     """
 
     problem: Problem
@@ -73,7 +73,7 @@ class Work:
     clock: Clock
     progress: Progress
     judged_by: Weights
-    sitting: Sitting = ONLY
+    long_run: LongRun = NOT_KEPT
     checkpoint: Checkpoint | None = None
 
 
@@ -113,7 +113,7 @@ class Search:
 
 
 Stage = Callable[[Search, Progress], Search]
-"""Takes a search farther; is told progress of its own, from 0 to 1, beside the search's."""
+"""Takes a search farther, and a progress of its own, from 0 to 1, beside the search's."""
 
 
 @dataclass(frozen=True)
@@ -131,8 +131,8 @@ class Gather:
         found = gathered(work.problem, work.ingredients, self.effort, work.judged_by, work.seed, progress, deadline)
         ready = found.bench.pressing
         if ready is not None:
-            enough = spoken_time((ready - work.clock.began) / _BAKING)
-            work.sitting.told(
+            enough = time_text((ready - work.clock.began) / _BAKING)
+            work.long_run.note(
                 "the budget is too short to measure and to blend all ingredients, so some take no part: a budget of "
                 f"about {enough} would do"
             )
@@ -194,7 +194,7 @@ class Descend:
         total, stopped = sum(every[index].share for index in todo), False
         ahead = [index for index in todo if index not in search.done]
         forecast = Forecast(
-            problem, self.effort, every, ahead, work.clock.began, work.clock.seconds, end, work.sitting.told
+            problem, self.effort, every, ahead, work.clock.began, work.clock.seconds, end, work.long_run.note
         )
         done: dict[int, Windows] = {}
         seconds = time.monotonic() - work.clock.began
@@ -203,7 +203,7 @@ class Descend:
             if work.checkpoint is not None:
                 work.checkpoint.keep(start, levels, done, seconds, now)
 
-        with work.sitting.descending() as stop:
+        with work.long_run.descending() as stop:
             if ahead:
                 keep()
             for turn, index in enumerate(todo):
@@ -219,11 +219,11 @@ class Descend:
                 if work.clock.timed and share <= FEWEST * forecast.round_seconds(index):
                     continue
                 passed = sum(every[each].share for each in todo[:turn]) / total
-                told = _RegionProgress(progress, work.progress, timed, passed, total, last)
+                shown = _RegionProgress(progress, work.progress, timed, passed, total, last)
                 rng = np.random.default_rng([work.seed, 3, turn])
                 worked = partial(forecast.worked, todo=after)
                 forecast.begun(index, until)
-                _, stopped = descend(descent, levels, timed.region, rng, until, told, stop, worked)
+                _, stopped = descend(descent, levels, timed.region, rng, until, shown, stop, worked)
                 if stopped:
                     break
                 done[index] = {level: window(timed.region, problem.sizes[level]) for level in timed.region.levels}
@@ -243,8 +243,8 @@ def resumed(work: Work, effort: ProbeEffort) -> Search:
     kept = None if work.checkpoint is None else work.checkpoint.load()
     if work.checkpoint is None or kept is None:
         return Search(work)
-    spent = spoken_time(kept.seconds) + (f" of {spoken_time(work.clock.seconds)}" if work.clock.timed else "")
-    work.sitting.told(f"going on from the checkpoint {work.checkpoint.path}, after {spent}")
+    spent = time_text(kept.seconds) + (f" of {time_text(work.clock.seconds)}" if work.clock.timed else "")
+    work.long_run.note(f"going on from the checkpoint {work.checkpoint.path}, after {spent}")
     start = start_of(kept, work.problem, effort, work.judged_by, work.seed)
     before = start.check.of_stack(start.levels)
     work = replace(work, clock=replace(work.clock, began=work.clock.began - kept.seconds))
@@ -272,8 +272,8 @@ class _RegionProgress:
 
     def note(self, text: str) -> None:
         levels = self.timed.region.levels
-        spoken = f"level {levels.start}" + (f" to {self.last}" if levels.stop > self.last else "")
-        say(self.search, f"{spoken}: {text}")
+        place = f"level {levels.start}" + (f" to {self.last}" if levels.stop > self.last else "")
+        say(self.search, f"{place}: {text}")
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -24,15 +24,17 @@ from numpy.typing import NDArray
 from mipbake.baking.prefilter import Progress, say
 from mipbake.baking.search import rounds
 from mipbake.baking.search.crops import Crop
-from mipbake.baking.search.descent_effort import DescentEffort
+from mipbake.baking.search.long_run import Stop, never
 from mipbake.baking.search.pair_weights import PairWeights
 from mipbake.baking.search.picture_samples import PictureChunk, picture_chunks, texels_around
 from mipbake.baking.search.pixel_samples import Chunk, Lobes, common_pairs, estimates, own_pairs
 from mipbake.baking.search.rounds import Held
-from mipbake.baking.search.sitting import Stop, never
+from mipbake.base.errors import UsageError
 from mipbake.quality.judging.judge import Baseline, Judge
+from mipbake.quality.judging.probes import ProbeEffort
 from mipbake.quality.judging.scores import Errors, Scores, snr_text
 from mipbake.quality.judging.weights import SINGLE_LIGHTS, Weights
+from mipbake.quality.metrics.pairs import PAIR_SETS
 from mipbake.quality.reference.problem import Image, Problem, Region
 
 CHECK = 5
@@ -45,6 +47,43 @@ _OWN_PAIRS = 3  # levels whose pixels have pairs of their own
 # Times as many common pairs, at most; where pixels are more than this, fewer.
 _COMMON, _COMMON_PIXELS = 4, 2048
 _LEAST_PIXELS = 128  # pixels of a level and round: the coarsest levels have a texel or two
+LOBES = 2
+"""Lobes that half vectors of pixels are drawn from (pixel_samples.py). Not tuned: what is drawn from has so many."""
+
+LOOKS = ProbeEffort(groups=16)  # groups of the renders that say whether rounds still help
+
+
+@dataclass(frozen=True)
+class DescentEffort:
+    """How much effort a descent makes.
+
+    Args:
+        rounds: most rounds of a region. A round draws pixels, pairs and estimates of the reference anew.
+        steps: Gauss-Newton steps of a round.
+        pairs: light-view pairs of each pixel in a round, a multiple of 2 + LOBES: each has its own.
+        samples: reference samples of a pixel of level 0; they double with every second level.
+        looks: effort of the renders that say, after every few rounds, whether that still helps.
+        window: regions of large sets are at most so many texels a side.
+
+    """
+
+    rounds: int = 40
+    steps: int = 2
+    pairs: int = 32
+    samples: int = 8
+    window: int = 512
+    looks: ProbeEffort = LOOKS
+
+    def __post_init__(self) -> None:
+        least = {"rounds": 0, "steps": 1, "pairs": 4, "samples": 2, "window": 8}
+        for name, low in least.items():
+            value = getattr(self, name)
+            if not isinstance(value, int) or value < low:
+                raise UsageError(f"DescentEffort was given {name}={value!r}: expected a whole number from {low} up")
+        if self.pairs % (len(PAIR_SETS) + LOBES):
+            raise UsageError(
+                f"DescentEffort was given pairs={self.pairs}: expected a multiple of {len(PAIR_SETS) + LOBES}"
+            )
 
 
 class Stopped(Exception):  # noqa: N818  it is no error
@@ -102,9 +141,9 @@ def descend(
     Args:
         levels: (H_L, W_L, C) the stack, changed in place inside the region.
         deadline: time.monotonic() after which no round begins.
-        progress: where it takes notes, it is told the SNR at each look.
-        stop: asked many times in a round whether to end with the best look. worked: told after each round how many
-            there were.
+        progress: where it takes notes, they hold the SNR at each look.
+        stop: asked many times in a round whether to end with the best look. worked: takes, after each round, how
+            many there were.
 
     Returns:
         The rounds that were worked, and whether it was stopped before it was done.

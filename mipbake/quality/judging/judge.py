@@ -93,7 +93,8 @@ class Judge:
         """Derivatives of `value`, for what chance is taken to be where the score is."""
         late, apart = self.behind(score, index) > 0, self._apart(score, index)
         groups = self.weights.group_behind * (apart > 0) / apart.shape[1]
-        out = Slopes(*(np.zeros(len(each)) for each in (score.log_errors, score.pooled, score.visible)), groups)
+        log_errors, pooled, visible = (np.zeros(len(each)) for each in (score.log_errors, score.pooled, score.visible))
+        out = Slopes(log_errors, pooled, visible, groups)
         own = self._certain[index] * (self.weights.counts + self.weights.behind * late)
         for term, slope in zip(TERMS.values(), own, strict=True):
             term.add_slope(out, slope)
