@@ -3,82 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from importlib import import_module
 from typing import Any
 
 import typer
 import typer.core
 import typer.main
 
-
-def _bake() -> Callable[..., None]:
-    from mipbake.cli.bake import bake
-
-    return bake
-
-
-def _compare() -> Callable[..., None]:
-    from mipbake.cli.compare import compare
-
-    return compare
-
-
-def _fit() -> Callable[..., None]:
-    from mipbake.cli.fit import fit
-
-    return fit
-
-
-def _validate() -> Callable[..., None]:
-    from mipbake.cli.validate import validate
-
-    return validate
-
-
-def _convert() -> Callable[..., None]:
-    from mipbake.cli.convert import convert
-
-    return convert
-
-
-def _inspect() -> Callable[..., None]:
-    from mipbake.cli.inspect import inspect
-
-    return inspect
-
-
-def _info() -> Callable[..., None]:
-    from mipbake.cli.info import info
-
-    return info
-
-
-def _presets() -> Callable[..., None]:
-    from mipbake.cli.presets import presets
-
-    return presets
-
-
-def _init() -> Callable[..., None]:
-    from mipbake.cli.init import init
-
-    return init
-
-
 SHOWS_ALL = "help-all"
 """Key of what a context knows where help shows all options."""
-
-LOADERS: Mapping[str, Callable[[], Callable[..., None]]] = {
-    "bake": _bake,
-    "compare": _compare,
-    "fit": _fit,
-    "validate": _validate,
-    "convert": _convert,
-    "inspect": _inspect,
-    "info": _info,
-    "presets": _presets,
-    "init": _init,
-}
-"""What loads the function of each command, in the order of the help text."""
 
 SUMMARIES: Mapping[str, str] = {
     "bake": "Bake texture sets into MIP stacks.",
@@ -91,7 +24,14 @@ SUMMARIES: Mapping[str, str] = {
     "presets": "Show what each preset of `mipbake bake --preset` chooses.",
     "init": "Write a project file, mipbake.toml, for a library of texture sets.",
 }
-"""The first sentence of each command's docstring, which can be shown without loading the command."""
+"""Commands in the order of the help text, each with the first sentence of its docstring, which can be shown without
+loading the command."""
+
+
+def loaded(name: str) -> Callable[..., None]:
+    """The function of a command, from the module of the same name."""
+    function: Callable[..., None] = getattr(import_module(f"mipbake.cli.{name}"), name)
+    return function
 
 
 class Command(typer.core.TyperCommand):
@@ -116,14 +56,14 @@ class Commands(typer.core.TyperGroup):
 
     def list_commands(self, ctx: Any) -> list[str]:  # noqa: ARG002
         """Names of all commands."""
-        return list(LOADERS)
+        return list(SUMMARIES)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ARG002
         """A command, loaded; None where there is none of that name."""
-        if cmd_name not in LOADERS:
+        if cmd_name not in SUMMARIES:
             return None
         alone = typer.Typer(add_completion=False, rich_markup_mode=None)
-        alone.command(cmd_name, cls=Command, epilog=self.epilog)(LOADERS[cmd_name]())
+        alone.command(cmd_name, cls=Command, epilog=self.epilog)(loaded(cmd_name))
         return typer.main.get_command(alone)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002

@@ -162,10 +162,10 @@ def reads_sets(
         "session": (_parameters(_talking), _talking),
     }
     takes = _parameters(command)
-    several = {
+    several: dict[str, tuple[_Parameters, Callable[..., Any]]] = {
         name: (parameters_of(p.annotation), p.annotation)
         for name, p in takes.items()
-        if name not in always and is_dataclass(p.annotation)
+        if name not in always and isinstance(p.annotation, type) and is_dataclass(p.annotation)
     }
     parts = several | always
     own = [p for name, p in takes.items() if name not in parts]

@@ -245,7 +245,6 @@ def test_a_program_renders(folder, tmp_path):
         (("--renderer", "json:dumps_nothing"), "cannot be imported"),
         (("--renderer", "torch", "--views", "0"), "views is 0"),
         (("--renderer", "torch", "--views", "1000000000"), "views is 1000000000: expected 1 to 4096"),
-        (("--renderer", "torch", "--renders", "1000000000"), "renders is 1000000000: expected 1 to 4096"),
         (("--renderer", "torch", "--steps", "-1"), "steps is -1"),
         (("--renderer", "torch", "--texels", "some"), "texels is 'some'"),
         (("--renderer", "torch", "--error", "none"), "error is 'none'"),
