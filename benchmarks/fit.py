@@ -20,7 +20,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from fit_tables import FITTED, METHODS, OTHERS, STAGES, START
@@ -31,13 +31,12 @@ from results_sets import folder_sets, middle
 import mipbake
 from mipbake import MipStack, TextureSet
 from mipbake.fitting import Frame, Levels, View, standard_views
-from mipbake.fitting.gl import GlRenderer, shipped_shader
 from mipbake.fitting.named import RendererChoice
 from mipbake.fitting.parameters import Parameters
 from mipbake.fitting.prepared import passes_for
+from mipbake.fitting.process import ProcessRenderer as Renderer
 from mipbake.fitting.renderer import new_stamps
 from mipbake.fitting.supersampled import supersampled
-from mipbake.fitting.three import ThreeRenderer
 from mipbake.fitting.views import scale_of
 from mipbake.material.pixel_filter import filter_named, level_sizes
 from mipbake.quality.metrics import displayed, snr_sums
@@ -61,18 +60,10 @@ PICTURED_LOD, PICTURED_SIDE = 4.0, 144
 Image3 = NDArray[np.float32]
 
 
-class Renderer(Protocol):
-    """A renderer of fits that can be closed."""
-
-    def render(self, levels: Levels, view: View) -> Frame: ...
-    def image(self, levels: Levels, view: View) -> Image3: ...
-    def close(self) -> None: ...
-
-
-RENDERERS: Mapping[str, Callable[[Path | None], Renderer]] = {
-    "gl clearcoat": lambda _: GlRenderer(shipped_shader("clearcoat")),
-    "gl ramp": lambda _: GlRenderer(shipped_shader("ramp")),
-    "three physical": lambda three: ThreeRenderer(three, "physical"),
+RENDERERS: Mapping[str, Callable[[Path | None], Any]] = {
+    "gl clearcoat": lambda _: RendererChoice("gl", "clearcoat").made(),
+    "gl ramp": lambda _: RendererChoice("gl", "ramp").made(),
+    "three physical": lambda three: RendererChoice("three", "physical", three=three).made(),
 }
 
 
@@ -150,7 +141,7 @@ def measured(
                 continue
             first, second = (reference(renderer, source, view, lod, effort, seed)[pixels][None] for seed in ESTIMATES)
             exposure = exposed((first + second) / 2)
-            shown = {name: renderer.image(each, view)[pixels][None] for name, each in levels.items()}
+            shown = {name: renderer.render(each, view).image[pixels][None] for name, each in levels.items()}
             sums = {
                 measure: {
                     name: snr_sums(seen(image), seen(first), seen(second))[0].tolist() for name, image in shown.items()
@@ -175,7 +166,7 @@ def strip(renderer: Renderer, stacks: Mapping[str, MipStack], texture_set: Textu
     source = levels_of([texture_set.material(texture_set.source_model)], texture_set.source_model, wrap)
     right = reference(renderer, source, view, lod, effort, ESTIMATES[0])
     every = [stacks[name] for name in (*METHODS, FITTED)]
-    shown = [renderer.image(levels_of(stack.levels, stack.model, wrap), view) for stack in every]
+    shown = [renderer.render(levels_of(stack.levels, stack.model, wrap), view).image for stack in every]
     picture = displayed(np.concatenate([*shown, right], 1) * exposed(right))
     larger = max(1, PICTURED_SIDE // view.size[0])
     return Image.fromarray(np.rint(255 * picture).astype(np.uint8).repeat(larger, 0).repeat(larger, 1))

@@ -26,8 +26,8 @@ from mipbake import stochastic
 from mipbake.comparing.meshes.camera import Camera
 from mipbake.comparing.meshes.shapes import plane
 from mipbake.fitting import Frame, Levels, View, fit
-from mipbake.fitting.gl import GlRenderer, shipped_shader
 from mipbake.fitting.kernels import TorchRenderer
+from mipbake.fitting.named import RendererChoice
 from mipbake.fitting.parameters import Parameters
 from mipbake.fitting.renderer import new_stamps
 from mipbake.material.pixel_filter import level_sizes
@@ -86,7 +86,7 @@ class Clocked:
 RENDERERS: dict[str, Callable[[], Any]] = {
     "trivial": Trivial,
     "torch": TorchRenderer,
-    "gl": lambda: GlRenderer(shipped_shader("clearcoat")),
+    "gl": RendererChoice("gl", "clearcoat").made,
 }
 
 

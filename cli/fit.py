@@ -23,7 +23,6 @@ from mipbake.cli.tables import description
 from mipbake.fitting import Progress
 from mipbake.fitting import fit as fit_stack
 from mipbake.fitting.comparisons import ERRORS
-from mipbake.fitting.exchange import EXCHANGES
 from mipbake.fitting.loop import MOST, check_count
 from mipbake.fitting.named import RENDERERS, RendererChoice
 from mipbake.fitting.prepared import TEXELS
@@ -70,13 +69,6 @@ class FitFlags:
         None,
         "A program of your own that renders; docs/fit-protocol.md says what it reads and writes.",
         metavar="COMMAND",
-    )
-    exchange: str | None = option(
-        None,
-        "How a program gets maps and gives frames back.",
-        metavar=one_of(EXCHANGES),
-        otherwise="memory",
-        group=_RENDERER,
     )
     renderer_timeout: float | None = option(
         None,
@@ -157,7 +149,6 @@ class FitFlags:
             self.renderer,
             self.shader,
             self.renderer_command,
-            self.exchange,
             self.renderer_timeout,
             self.renderer_start_timeout,
             self.three,

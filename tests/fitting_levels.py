@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.fitting.renderer import TILE, Levels, tiles_along
+from mipbake.fitting.renderer import TILE, Levels, Renderer, tiles_along
 from mipbake.fitting.views import View
 from mipbake.material.pixel_filter import level_sizes
 
@@ -55,13 +55,11 @@ def by_tiles(old: Levels, new: Levels, seed: int) -> tuple[Levels, Levels]:
     return told, stamped(Levels(old.model, mixed, old.wrap, stamps), [last + 2] * len(stamps))
 
 
-def check_tiles(
-    image: Callable[[Levels, View], NDArray[np.float32]], views: Sequence[View], size: tuple[int, int]
-) -> None:
+def check_tiles(renderer: Renderer[View], views: Sequence[View], size: tuple[int, int]) -> None:
     """That a renderer which gets some tiles anew shows what it shows of the whole levels."""
     first = noisy(size, 1, 1_000)
-    before = [image(first, view) for view in views]
+    before = [renderer.render(first, view).image for view in views]
     told, whole = by_tiles(first, noisy(size, 2, 0), 3)
-    seen = [image(told, view) for view in views]
+    seen = [renderer.render(told, view).image for view in views]
     for view, found, old in zip(views, seen, before, strict=True):
-        assert np.array_equal(found, image(whole, view)) and not np.array_equal(found, old)
+        assert np.array_equal(found, renderer.render(whole, view).image) and not np.array_equal(found, old)

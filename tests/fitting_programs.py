@@ -18,6 +18,7 @@ from mipbake.comparing.meshes import shapes
 from mipbake.comparing.meshes.camera import Camera
 from mipbake.fitting import program
 from mipbake.fitting.process import ProcessRenderer
+from mipbake.fitting.protocol import JsonView
 from mipbake.fitting.renderer import Levels
 from mipbake.fitting.views import View
 from mipbake.quality import environment
@@ -26,7 +27,6 @@ from .fitting_levels import stamps_of
 
 ON_LINUX = pytest.mark.skipif(sys.platform != "linux", reason="looks at processes and files as Linux shows them")
 
-EXCHANGES = ("memory", "exr")
 PROGRAM = Path(program.__file__)
 
 SERVING = f"""
@@ -57,8 +57,8 @@ def render(levels, view):
 GOOD = f"""{SERVING}{RENDER}
 def rendered(levels, view):
     image, uv, lod, number = render(levels, view)
-    print("changed", levels.changed, file=open(sys.argv[1], "a")) if len(sys.argv) > 1 else None
-    return program.Rendered(image, uv, lod, None, number)
+    print("changed", [bool(each) for each in levels.changed], file=open(sys.argv[1], "a")) if sys.argv[1:] else None
+    return program.Frame(image, uv, lod, None, number)
 
 program.serve(rendered, "good")
 """
@@ -74,17 +74,13 @@ def hello():
 def asked():
     return json.loads(sys.stdin.readline())
 
-def answer(content, version=1):
+def answer(content, version=2):
     print(json.dumps({"mipbake": version, **content}), flush=True)
 
-def give(request, size=(2, 3), cut=0, answered=None):
-    count = size[0] * size[1] * 6
+def give(request, size=(2, 3), cut=0):
     with open(request["frame"], "wb") as file:
-        file.write(bytes(4 * count - cut))
-    pixels = size[0] * size[1]
-    arrays = {"image": {"offset": 0, "shape": [*size, 3]}, "uv": {"offset": 12 * pixels, "shape": [*size, 2]},
-              "lod": {"offset": 20 * pixels, "shape": [*size]}}
-    answer({"answer": "frame", "id": request["id"] if answered is None else answered, "arrays": arrays})
+        file.write(bytes(4 * size[0] * size[1] * 6 - cut))
+    answer({"answer": "frame", "arrays": {"image": [*size, 3], "uv": [*size, 2], "lod": size}})
 """
 """A program that speaks the protocol without any code of mipbake."""
 
@@ -121,6 +117,9 @@ def is_gone(pid: int) -> bool:
 
 Write = Callable[..., list[str]]
 
+ANY = JsonView({})
+"""A view of which a program needs to know nothing."""
+
 
 def script(tmp_path: Path) -> Write:
     """Writes a program in Python, and gives its command."""
@@ -144,7 +143,7 @@ def before() -> Iterator[None]:
 def fails(command: list[str], expected: str, **options: Any) -> str:
     """Renders, expects an error, and gives its message."""
     with ProcessRenderer(command, **options) as renderer, pytest.raises(RendererError, match=expected) as caught:
-        renderer.render(levels_of(), {"name": "the corner"})
+        renderer.render(levels_of(), JsonView({"name": "the corner"}))
     sentence = str(caught.value).splitlines()[0]
     assert "Traceback" not in sentence and sentence.startswith("the ")
     return str(caught.value)

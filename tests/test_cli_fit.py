@@ -209,7 +209,7 @@ def test_a_program_renders(folder, tmp_path):
         textwrap.dedent(
             """
             import numpy as np
-            from mipbake.fitting.program import Rendered, serve
+            from mipbake.fitting.program import Frame, serve
 
             def render(maps, view):
                 (height, width), (right, up) = view["size"], view.get("offset", (0, 0))
@@ -217,7 +217,7 @@ def test_a_program_renders(folder, tmp_path):
                 uv = np.stack(np.meshgrid(x, y), -1).astype(np.float32)
                 level = maps.maps["base_color"][0]
                 column, row = np.floor(uv * len(level)).astype(int).transpose(2, 0, 1) % len(level)
-                return Rendered(level[row, column], uv, lod=np.zeros((height, width), np.float32))
+                return Frame(level[row, column], uv, lod=np.zeros((height, width), np.float32))
 
             serve(render)
             """
@@ -238,7 +238,6 @@ def test_a_program_renders(folder, tmp_path):
         (("--renderer", "torch", "--renderer-command", "true"), "not both"),
         (("--renderer", "cinema"), "unknown renderer 'cinema'"),
         (("--renderer", "torch", "--shader", "ramp"), "--shader does not go with"),
-        (("--renderer", "torch", "--exchange", "exr"), "--exchange does not go with"),
         (("--renderer", "three", "--renderer-start-timeout", "9"), "--renderer-start-timeout does not go with"),
         (("--renderer-command", "true", "--renderer-start-timeout", "0"), "a renderer cannot have 0.0 seconds"),
         (("--renderer", "nowhere_at_all:make"), "cannot be imported"),

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,8 +14,10 @@ from mipbake.base.errors import UsageError
 from mipbake.base.srgb import linear_to_srgb, srgb_to_linear
 from mipbake.comparing.meshes import shapes
 from mipbake.comparing.meshes.camera import Camera
-from mipbake.fitting.gl import MAX_LIGHTS, SHADERS, GlRenderer, shipped_shader
-from mipbake.fitting.renderer import Levels
+from mipbake.fitting.gl import MAX_LIGHTS, SHADERS
+from mipbake.fitting.named import RendererChoice
+from mipbake.fitting.parameters import Parameters
+from mipbake.fitting.renderer import Levels, new_stamp, new_stamps
 from mipbake.fitting.views import View
 from mipbake.material import COLOUR, MODELS, SIGNED
 from mipbake.quality.environment import directional
@@ -38,7 +40,7 @@ FLAT = View("flat", "1:1", shapes.plane(2.0, 2.0), ABOVE, scenes.LIGHTING, (16, 
 SHOW = "vec3 shade(Surface s) {{ return {}; }}"
 SHOW_COLOUR = SHOW.format("look_up(base_color_map).rgb")
 
-Made = Callable[..., GlRenderer]
+Made = Callable[[str], Any]
 
 
 @pytest.fixture(scope="module")
@@ -50,23 +52,24 @@ def driver() -> None:
         pytest.skip(f"no OpenGL 3.3 over EGL ({error}; Debian's libegl1, libgl1 and libgl1-mesa-dri have it)")
 
 
-@pytest.fixture
-def made(driver: None) -> Iterator[Made]:
-    """Makes renderers, and closes them."""
-    renderers: list[GlRenderer] = []
+@pytest.fixture(scope="module")
+def made(driver: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Made]:
+    """Makes renderers of a shader's name, or of GLSL; one for each."""
+    renderers: dict[str, Any] = {}
+    file = tmp_path_factory.mktemp("shaders") / "mine.glsl"
 
-    def make(shader: str, *args: Any) -> GlRenderer:
-        renderers.append(GlRenderer(shader, *args))
-        return renderers[-1]
+    def make(shader: str) -> Any:
+        if shader not in renderers:
+            file.write_text(shader, encoding="utf-8")
+            renderers[shader] = RendererChoice("gl", shader if shader in SHADERS else str(file)).made()
+        return renderers[shader]
 
     yield make
-    for renderer in renderers:
+    for renderer in renderers.values():
         renderer.close()
 
 
-def levels_of(
-    stack: Sequence[np.ndarray], model: str, wrap: tuple[str, str] = ("wrap", "wrap"), stamp: int = 0
-) -> Levels:
+def levels_of(stack: Sequence[np.ndarray], model: str, wrap: tuple[str, str] = ("wrap", "wrap")) -> Levels:
     """Stored channels, as a renderer gets them."""
     encode = {COLOUR: lambda x: linear_to_srgb(x.astype(np.float64)), SIGNED: lambda x: (x + 1) / 2}
     maps = {
@@ -77,19 +80,23 @@ def levels_of(
         for each in MODELS[model].stored
     }
     sizes = [(level.shape[0], level.shape[1]) for level in stack]
-    return Levels(model, maps, wrap, stamps_of(sizes, range(stamp, stamp + len(stack))))
+    return Levels(model, maps, wrap, new_stamps(sizes))
 
 
-def flat(texel: Sequence[float], size: int = 16, stamp: int = 0) -> Levels:
+def flat(texel: Sequence[float], size: int = 16, stamp: int | None = None) -> Levels:
     """One level of `gltf`, the same everywhere, from encoded values."""
     values = np.broadcast_to(np.asarray(texel, np.float32), (size, size, 8))
     maps = {name: [values[..., part]] for name, part in MODELS["gltf"].maps.items()}
-    return Levels("gltf", maps, ("wrap", "wrap"), stamps_of([(size, size)], [stamp]))
+    return Levels("gltf", maps, ("wrap", "wrap"), stamps_of([(size, size)], [new_stamp() if stamp is None else stamp]))
 
 
 @pytest.fixture(scope="module")
 def stack() -> list[np.ndarray]:
-    return list(stack_of(material("gltf"), "gltf").levels)
+    """Levels whose values files of 8 bits can hold."""
+    stored = list(stack_of(material("gltf"), "gltf").levels)
+    parameters = Parameters.of("gltf", *stored[0].shape[:2], len(stored))
+    values = np.round(parameters.values(stored) * 255) / 255
+    return parameters.stored(values.astype(np.float32))
 
 
 # ---- beside the library's renders
@@ -98,7 +105,7 @@ def stack() -> list[np.ndarray]:
 @pytest.mark.parametrize("offset", [(0.0, 0.0), (0.3, -0.45)])
 @pytest.mark.parametrize("view", [PLANE, BALL], ids=["plane", "ball"])
 def test_frames_are_the_librarys(made: Made, stack: list[np.ndarray], view: View, offset: tuple[float, float]) -> None:
-    frame = made(shipped_shader("gltf"), "rgba32f").render(levels_of(stack, "gltf"), view.moved(*offset))
+    frame = made("gltf").render(levels_of(stack, "gltf"), view.moved(*offset))
     other = candidate(view.mesh, view.camera, view.lighting, stack, "gltf", ("wrap", "wrap"), view.size, offset=offset)
     seen = np.asarray(frame.id) > 0
     assert (seen != other.coverage).mean() < 0.001 and seen.mean() > 0.4
@@ -107,8 +114,8 @@ def test_frames_are_the_librarys(made: Made, stack: list[np.ndarray], view: View
     lods, images = np.abs(frame.lod - other.lod)[both], np.abs(frame.image - other.image)[both].max(-1)
     # Where two triangles meet, either may have a pixel, with another footprint: a few of two thousand.
     assert np.quantile(np.abs(frame.uv - other.uv)[both].max(-1), 0.995) < 1e-5
-    assert np.quantile(lods, 0.995) < 1e-3 and np.quantile(images, 0.995) < 1e-3
-    assert scenes.decibels(frame.image[both].astype(np.float64), other.image[both].astype(np.float64)) > 60
+    assert np.quantile(lods, 0.995) < 1e-3 and np.quantile(images, 0.995) < 5e-3
+    assert scenes.decibels(frame.image[both].astype(np.float64), other.image[both].astype(np.float64)) > 50
     assert np.median(other.lod[both]) > 0.3  # past level 0
 
 
@@ -123,17 +130,17 @@ def test_a_plane_that_passes_behind_the_camera_has_the_librarys_footprints(made:
 
 
 def test_texture_without_help_is_close_where_footprints_are_alike(made: Made, stack: list[np.ndarray]) -> None:
-    exact = made(SHOW_COLOUR).image(levels_of(stack, "gltf"), PLANE)
-    implicit = made(SHOW.format("texture(base_color_map, s.uv).rgb")).image(levels_of(stack, "gltf"), PLANE)
+    exact = made(SHOW_COLOUR).render(levels_of(stack, "gltf"), PLANE).image
+    implicit = made(SHOW.format("texture(base_color_map, s.uv).rgb")).render(levels_of(stack, "gltf"), PLANE).image
     assert np.abs(exact - implicit).max() > 0 and scenes.decibels(implicit, exact.astype(np.float64)) > 25
 
 
 def test_all_maps_of_anisotropy_arrive(made: Made) -> None:
     levels = levels_of(stack_of(material("gltf-anisotropic", 16, 16), "gltf-anisotropic").levels, "gltf-anisotropic")
     shown = "vec3(look_up(anisotropy_direction_map).rg, look_up(anisotropy_strength_map).r)"
-    image = made(SHOW.format(shown), "rgba32f").image(levels, FLAT)
+    image = made(SHOW.format(shown)).render(levels, FLAT).image
     expected = [levels.maps[name][0] for name in ("anisotropy_direction", "anisotropy_strength")]
-    assert np.abs(image - np.concatenate(expected, -1)).max() < 1e-5
+    assert np.abs(image - np.concatenate(expected, -1)).max() < 0.51 / 255
 
 
 # ---- textures
@@ -141,40 +148,38 @@ def test_all_maps_of_anisotropy_arrive(made: Made) -> None:
 
 def test_rgba8_rounds_to_the_nearest_step(made: Made) -> None:
     texel = np.array([0.5, 0.2, 0.9, 100.49 / 255, 100.51 / 255, 0.25, 0.75, 1.0])
-    rounded, exact = np.round(texel * 255) / 255, texel
+    rounded = np.round(texel * 255) / 255
     linear = "vec3(look_up(metallic_map).r, look_up(roughness_map).r, look_up(normal_map).y)"
-    for texels, expected in (("rgba8", rounded), ("rgba32f", exact)):
-        image = made(SHOW.format(linear), texels).image(flat(texel), FLAT)
-        assert np.abs(image - expected[[3, 4, 6]]).max() < 1e-6
-        colour = made(SHOW_COLOUR, texels).image(flat(texel), FLAT)
-        # llvmpipe decodes sRGB of 8 bits by a polynomial, a quarter of a step away at most.
-        assert np.abs(colour - srgb_to_linear(expected[:3])).max() < (2e-3 if texels == "rgba8" else 1e-6)
+    assert np.abs(made(SHOW.format(linear)).render(flat(texel), FLAT).image - rounded[[3, 4, 6]]).max() < 1e-6
+    # llvmpipe decodes sRGB of 8 bits by a polynomial, a quarter of a step away at most.
+    colour = made(SHOW_COLOUR).render(flat(texel), FLAT).image
+    assert np.abs(colour - srgb_to_linear(rounded[:3])).max() < 2e-3
 
 
 def test_lookups_between_rounded_texels_are_finer_than_their_steps(made: Made) -> None:
     ramp = flat([0.5] * 8, 2)
     ramp.maps["roughness"][0] = np.array([[10, 20], [10, 20]], np.float32)[..., None] / 255  # type: ignore[index]
     close = replace(FLAT, size=(64, 64))
-    row = made(SHOW.format("look_up(roughness_map).rrr")).image(ramp, close)[32, :, 0] * 255
+    row = made(SHOW.format("look_up(roughness_map).rrr")).render(ramp, close).image[32, :, 0] * 255
     assert len(np.unique(row.round(2))) >= 30
 
 
 def test_values_beyond_the_range_are_clipped(made: Made) -> None:
     shown = SHOW.format("vec3(look_up(metallic_map).r, look_up(roughness_map).r, look_up(normal_map).z)")
-    image = made(shown).image(flat([0.5, 0.5, 0.5, -0.2, 1.3, 0.5, 0.5, 1.0]), FLAT)
+    image = made(shown).render(flat([0.5, 0.5, 0.5, -0.2, 1.3, 0.5, 0.5, 1.0]), FLAT).image
     assert np.allclose(image, [0, 1, 1])
 
 
 def test_a_level_is_uploaded_when_its_stamp_is_new(made: Made) -> None:
-    renderer = made(SHOW.format("vec3(look_up(roughness_map).r)"), "rgba32f")
-    first = renderer.image(flat([0.25] * 8, stamp=1), FLAT)
-    same_stamp = renderer.image(flat([0.75] * 8, stamp=1), FLAT)
-    other_stamp = renderer.image(flat([0.75] * 8, stamp=2), FLAT)
-    assert np.all(first == 0.25) and np.all(same_stamp == 0.25) and np.all(other_stamp == 0.75)
+    renderer = made(SHOW.format("vec3(look_up(roughness_map).r)"))
+    first = renderer.render(flat([0.25] * 8, stamp=1_001), FLAT).image
+    same_stamp = renderer.render(flat([0.75] * 8, stamp=1_001), FLAT).image
+    other_stamp = renderer.render(flat([0.75] * 8, stamp=1_002), FLAT).image
+    assert np.allclose(first, 64 / 255) and np.allclose(same_stamp, 64 / 255) and np.allclose(other_stamp, 191 / 255)
 
 
 def test_levels_are_uploaded_one_by_one(made: Made) -> None:
-    renderer = made(SHOW.format("vec3(look_up(roughness_map).r)"), "rgba32f")
+    renderer = made(SHOW.format("vec3(look_up(roughness_map).r)"))
     sizes = [4, 2, 1]
     far = replace(FLAT, mesh=shapes.plane(2.0, 2.0, (8.0, 8.0)))  # 2 texels a pixel: level 1
 
@@ -183,28 +188,27 @@ def test_levels_are_uploaded_one_by_one(made: Made) -> None:
         maps = {name: [part.maps[name][0] for part in parts] for name in parts[0].maps}
         return Levels("gltf", maps, ("wrap", "wrap"), stamps_of([(size, size) for size in sizes], stamps))
 
-    assert np.allclose(renderer.render(of([0.1, 0.2, 0.3], [1, 2, 3]), far).lod, 1, atol=1e-4)
-    assert np.allclose(renderer.image(of([0.1, 0.2, 0.3], [1, 2, 3]), far), 0.2, atol=1e-4)
-    assert np.allclose(renderer.image(of([0.9, 0.8, 0.9], [1, 4, 3]), far), 0.8, atol=1e-4)
-    near = renderer.image(of([0.9, 0.8, 0.9], [1, 4, 3]), replace(FLAT, mesh=shapes.plane(2.0, 2.0, (0.5, 0.5))))
-    assert np.allclose(near, 0.1, atol=1e-4)
+    assert np.allclose(renderer.render(of([0.2, 0.4, 0.6], [1, 2, 3]), far).lod, 1, atol=1e-4)
+    assert np.allclose(renderer.render(of([0.2, 0.4, 0.6], [1, 2, 3]), far).image, 0.4, atol=1e-4)
+    assert np.allclose(renderer.render(of([0.2, 0.8, 0.6], [1, 4, 3]), far).image, 0.8, atol=1e-4)
+    near = renderer.render(of([0.2, 0.8, 0.6], [1, 4, 3]), replace(FLAT, mesh=shapes.plane(2.0, 2.0, (0.5, 0.5)))).image
+    assert np.allclose(near, 0.2, atol=1e-4)
 
 
-@pytest.mark.parametrize("texels", ["rgba8", "rgba32f"])
 @pytest.mark.parametrize("size", [(100, 75), (75, 100), (130, 300)])
-def test_tiles_are_uploaded_one_by_one(made: Made, size: tuple[int, int], texels: str) -> None:
-    renderer = made(shipped_shader("clearcoat"), texels)
+def test_tiles_are_uploaded_one_by_one(made: Made, size: tuple[int, int]) -> None:
+    renderer = made("clearcoat")
     views = [replace(FLAT, size=(32, 32), mesh=shapes.plane(2.0, 2.0, (n, n))) for n in (0.25, 1.0, 4.0, 16.0)]
-    check_tiles(renderer.image, views, size)
+    check_tiles(renderer, views, size)
 
 
 def test_a_source_of_one_level_and_its_stack_do_not_mix(made: Made) -> None:
-    renderer = made(SHOW.format("vec3(look_up(roughness_map).r)"), "rgba32f")
-    stack = [np.full((size, size, 8), value, np.float32) for size, value in ((4, 0.5), (2, 0.6), (1, 0.7))]
-    many, one = levels_of(stack, "gltf"), flat([0.125] * 8, 4, stamp=9)
+    renderer = made(SHOW.format("vec3(look_up(roughness_map).r)"))
+    stack = [np.full((size, size, 8), value, np.float32) for size, value in ((4, 0.4), (2, 0.6), (1, 0.8))]
+    many, one = levels_of(stack, "gltf"), flat([0.2] * 8, 4)
     far = replace(FLAT, mesh=shapes.plane(2.0, 2.0, (64.0, 64.0)))
     for _ in range(2):
-        assert np.allclose(renderer.image(many, far), 0.7) and np.allclose(renderer.image(one, far), 0.125)
+        assert np.allclose(renderer.render(many, far).image, 0.8) and np.allclose(renderer.render(one, far).image, 0.2)
     assert renderer.render(one, far).lod.max() == 0 and renderer.render(many, far).lod.min() == 2
 
 
@@ -212,7 +216,7 @@ def test_a_source_of_one_level_and_its_stack_do_not_mix(made: Made) -> None:
 def test_maps_repeat_or_end(made: Made, wrap: tuple[str, str]) -> None:
     level = material("gltf", 16, 16)
     twice = replace(FLAT, mesh=shapes.plane(2.0, 2.0, (2.0, 2.0)))
-    image = made(SHOW_COLOUR, "rgba32f").image(levels_of([level], "gltf", wrap), twice)
+    image = made(SHOW_COLOUR).render(levels_of([level], "gltf", wrap), twice).image
     other = candidate(twice.mesh, ABOVE, twice.lighting, [level], "gltf", wrap, twice.size)
     assert other.coverage.all()
     at = ((np.arange(16) + 0.5) / 8 * 16 - 0.5)[None].repeat(2, 0)  # of texels' centres, along v and u
@@ -221,7 +225,7 @@ def test_maps_repeat_or_end(made: Made, wrap: tuple[str, str]) -> None:
         for a, mode in zip(at, wrap[::-1], strict=True)
     )
     means = [level[np.ix_(r.astype(int), c.astype(int))][..., :3] for r in rows for c in columns]
-    assert np.abs(image - np.mean(means, 0)).max() < 1e-4
+    assert np.abs(image - np.mean(means, 0)).max() < 5e-3
 
 
 # ---- views
@@ -245,16 +249,16 @@ def test_rows_run_from_the_top_and_v_down(made: Made) -> None:
 def test_the_surface_is_the_meshs(made: Made) -> None:
     levels = flat([0.5] * 8)
     for shown, expected in (("s.frame[0]", [1, 0, 0]), ("s.frame[1]", [0, 0, -1]), ("s.frame[2]", [0, 1, 0])):
-        assert np.allclose(made(SHOW.format(shown)).image(levels, FLAT), expected, atol=1e-6)
-    corner = made(SHOW.format("s.position")).image(levels, FLAT)[0, -1]
+        assert np.allclose(made(SHOW.format(shown)).render(levels, FLAT).image, expected, atol=1e-6)
+    corner = made(SHOW.format("s.position")).render(levels, FLAT).image[0, -1]
     assert np.allclose(corner, [15 / 16, 0, -15 / 16], atol=1e-6)
-    towards = made(SHOW.format("s.view")).image(levels, FLAT)[0, -1]
+    towards = made(SHOW.format("s.view")).render(levels, FLAT).image[0, -1]
     assert np.allclose(towards, np.array([-15 / 16, 1, 15 / 16]) / np.sqrt(1 + 2 * (15 / 16) ** 2), atol=1e-6)
 
 
 @pytest.mark.parametrize("name", SHADERS)
 def test_shipped_shaders_render(made: Made, stack: list[np.ndarray], name: str) -> None:
-    renderer = made(shipped_shader(name))
+    renderer = made(name)
     first, again = (renderer.render(levels_of(stack, "gltf"), BALL) for _ in range(2))
     assert np.isfinite(first.image).all() and first.image.min() >= 0
     assert first.image[first.id > 0].std() > 0.01
@@ -265,7 +269,7 @@ def test_shipped_shaders_render(made: Made, stack: list[np.ndarray], name: str) 
 def test_a_coat_is_a_highlight_of_its_own(made: Made) -> None:
     up = View("mirror", "near", FLAT.mesh, ABOVE, directional("up", [[0, 1, 0]], [[1, 1, 1]]), (17, 17))
     dull = flat([0.0, 0.0, 0.0, 0.0, 1.0, 0.5, 0.5, 1.0])
-    plain, coated = (made(shipped_shader(name)).image(dull, up)[8, 8] for name in ("gltf", "clearcoat"))
+    plain, coated = (made(name).render(dull, up).image[8, 8] for name in ("gltf", "clearcoat"))
     # Seen and lit along the normal: F D V = 0.04 / (4 pi alpha^2), and a base that is left with 0.96.
     assert np.allclose(coated, 0.96 * plain + 0.04 / (4 * np.pi * 0.1**4), rtol=0.01)
 
@@ -273,17 +277,8 @@ def test_a_coat_is_a_highlight_of_its_own(made: Made) -> None:
 def test_the_ramp_has_few_steps(made: Made) -> None:
     white = flat([1.0, 1.0, 1.0, 0.0, 1.0, 0.5, 0.5, 1.0])
     one = replace(BALL, lighting=directional("one", [[0, 1, 1]], [[3, 3, 3]]))
-    frame = made(shipped_shader("ramp")).render(white, one)
+    frame = made("ramp").render(white, one)
     assert 3 <= len(np.unique(frame.image[frame.id > 0][:, 0].round(3))) <= 12
-
-
-def test_renderers_do_not_disturb_each_other(made: Made, stack: list[np.ndarray]) -> None:
-    first, second = made(shipped_shader("gltf")), GlRenderer(shipped_shader("ramp"))
-    alone = first.image(levels_of(stack, "gltf"), PLANE)
-    second.image(levels_of(stack, "gltf"), BALL)
-    assert np.array_equal(first.image(levels_of(stack, "gltf"), PLANE), alone)
-    second.close()
-    assert np.array_equal(first.image(levels_of(stack, "gltf"), PLANE), alone)
 
 
 # ---- errors
@@ -301,13 +296,13 @@ def test_renderers_do_not_disturb_each_other(made: Made, stack: list[np.ndarray]
         ("#version 330\nvec3 shade(Surface s) { return vec3(1.0); }", "leave it out"),
     ],
 )
-def test_a_broken_shader_is_told(driver: None, shader: str, told: str) -> None:
+def test_a_broken_shader_is_told(made: Made, shader: str, told: str) -> None:
     with pytest.raises(UsageError, match=told):
-        GlRenderer(shader, name="mine.glsl")
+        made(shader)
 
 
 def test_what_cannot_be_rendered_is_told(made: Made, stack: list[np.ndarray]) -> None:
-    renderer, levels = made(SHOW_COLOUR), levels_of(stack, "gltf")
+    renderer, levels = made("gltf"), levels_of(stack, "gltf")
     other = stack_of(material("ggx"), "ggx").levels
     with pytest.raises(UsageError, match="'ggx': expected gltf or gltf-anisotropic"):
         renderer.render(levels_of(other, "ggx"), PLANE)
@@ -320,25 +315,19 @@ def test_what_cannot_be_rendered_is_told(made: Made, stack: list[np.ndarray]) ->
         renderer.render(levels, replace(PLANE, lighting=many))
 
 
-def test_names_are_checked(driver: None) -> None:
-    with pytest.raises(UsageError, match="no texels are called 'rgb'"):
-        GlRenderer(SHOW_COLOUR, "rgb")
-    with pytest.raises(UsageError, match="expected one of gltf, clearcoat, ramp"):
-        shipped_shader("toon")
+def test_a_shader_that_is_not_there_is_told() -> None:
+    with pytest.raises(UsageError, match=r"the shader toon cannot be read .*: expected gltf, clearcoat, ramp, or a"):
+        RendererChoice("gl", "toon").made()
 
 
 def test_without_a_driver_it_is_said_what_to_install(driver: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    import moderngl
-
-    def fails(**_: Any) -> None:
-        raise RuntimeError("libEGL.so not found")
-
-    monkeypatch.setattr(moderngl, "create_context", fails)
-    with pytest.raises(UsageError, match=r"libEGL\.so not found.*libegl1"):
-        GlRenderer(SHOW_COLOUR)
+    monkeypatch.setenv("__EGL_VENDOR_LIBRARY_FILENAMES", "/nowhere")
+    with pytest.raises(UsageError, match=r"no OpenGL 3\.3 over EGL .*libegl1"):
+        RendererChoice("gl").made()
 
 
-def test_without_moderngl_it_is_said_what_to_type(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "moderngl", None)
+def test_without_moderngl_it_is_said_what_to_type(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "moderngl.py").write_text("raise ModuleNotFoundError('none', name='moderngl')", encoding="utf-8")
+    monkeypatch.syspath_prepend(str(tmp_path))
     with pytest.raises(UsageError, match=r"the renderer gl needs moderngl.*mipbake\[fit\]"):
-        GlRenderer(SHOW_COLOUR)
+        RendererChoice("gl").made()

@@ -3,24 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import pytest
 
-from mipbake.base.errors import RendererError, UsageError
+from mipbake.base.errors import UsageError
 from mipbake.comparing.meshes.visible import Surface
-from mipbake.fitting import SCALES, Levels, View, standard_views
+from mipbake.fitting import SCALES, View, standard_views
 from mipbake.fitting.kernels import TorchRenderer
 from mipbake.fitting.parameters import Parameters
 from mipbake.fitting.renderer import new_stamps
-from mipbake.fitting.supersampled import supersampled
 from mipbake.material import MODELS
-from mipbake.material.pixel_filter import filter_named, level_sizes
+from mipbake.material.pixel_filter import level_sizes
 
-from .fitting_small import source_levels, texture_set
 from .viewer_scenes import material, stack_of
 
 REPEATS = ("wrap", "wrap")
@@ -112,50 +107,3 @@ def test_views_depend_on_their_seed_alone() -> None:
         assert np.array_equal(a.matrix(), b.matrix()) and not np.array_equal(a.matrix(), c.matrix())
         assert np.array_equal(a.lighting.radiance, b.lighting.radiance)
     assert not np.array_equal(first[0].matrix(), first[0].moved(0.5, 0).matrix())
-
-
-# ---- references that a renderer adds up itself
-
-
-@dataclass(eq=False)
-class Adding(TorchRenderer):
-    """Has `summed`, of what it would render one by one. made: what it gives in place of that."""
-
-    made: Any = None
-    asked: list[int] = field(default_factory=list)
-
-    def summed(self, levels: Levels, views: Sequence[View], weights: Sequence[float]) -> Any:
-        self.asked.append(len(views))
-        if self.made is not None:
-            return self.made
-        frames = [self.render(levels, view) for view in views]
-        counted = [weight * (np.asarray(frame.id) > 0) for frame, weight in zip(frames, weights, strict=True)]
-        images = [weight[..., None] * frame.image for frame, weight in zip(frames, counted, strict=True)]
-        return np.sum(images, 0), np.sum(counted, 0)
-
-
-@pytest.mark.parametrize("whole", [True, False])
-@pytest.mark.parametrize("name", ["gaussian", "mitchell"])
-def test_a_renderer_may_add_renders_up_itself(name: str, whole: bool) -> None:
-    [view] = standard_views((16, 16), ("clamp", "clamp"), each=1, lods=(1,))
-    source, renderer = source_levels(texture_set(16)), Adding()
-    wanted = supersampled(TorchRenderer(), source, view, filter_named(name), 24, 3, whole)
-    found = supersampled(renderer, source, view, filter_named(name), 24, 3, whole)
-    assert renderer.asked == [24] and (wanted == 0).any() and (wanted > 0).any()
-    np.testing.assert_allclose(found, wanted, rtol=1e-5, atol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("made", "told"),
-    [
-        (np.ones((4, 4, 3)), "`summed` gave a ndarray: expected a sum of images and one of weights"),
-        ((np.ones((4, 4)), np.ones((4, 4))), r"the image has shape \(4, 4\): expected"),
-        ((np.ones((4, 4, 3)), np.ones((4, 5))), r"the sum of weights has shape \(4, 5\): expected \(4, 4\)"),
-        ((np.ones((4, 4, 3)), np.full((4, 4), np.nan)), "the sum of weights holds .* is not finite in 16 pixels"),
-        ((np.full((4, 4, 3), np.inf), np.ones((4, 4))), "the image holds .* is not finite in 16 pixels"),
-    ],
-)
-def test_sums_that_are_none(made: Any, told: str) -> None:
-    [view] = standard_views((16, 16), each=1, lods=(1,))
-    with pytest.raises(RendererError, match=f"the reference of {view.name}: {told}"):
-        supersampled(Adding(made=made), source_levels(texture_set(16)), view, filter_named("box"), 4)

@@ -31,16 +31,13 @@ pytestmark = programs.ON_LINUX
 SHELL = """
 while IFS= read -r line; do
     case "$line" in
-    *'"request": "hello"'*) echo '{"mipbake": 1, "answer": "hello", "renderer": "shell"}' ;;
+    *'"request": "hello"'*) echo '{"mipbake": 2, "answer": "hello", "renderer": "shell"}' ;;
     *'"request": "render"'*)
-        id=$(printf '%s' "$line" | sed 's/.*"request": "render", "id": \\([0-9]*\\),.*/\\1/')
         maps=$(printf '%s' "$line" | sed 's/.*"file": "\\([^"]*\\)".*/\\1/')
         frame=$(printf '%s' "$line" | sed 's/.*"frame": "\\([^"]*\\)".*/\\1/')
         head -c 12 "$maps" > "$frame"
         head -c 12 /dev/zero >> "$frame"
-        printf '{"mipbake": 1, "answer": "frame", "id": %s, "arrays": ' "$id"
-        printf '{"image": {"offset": 0, "shape": [1, 1, 3]}, '
-        echo '"uv": {"offset": 12, "shape": [1, 1, 2]}, "lod": {"offset": 20, "shape": [1, 1]}}}' ;;
+        echo '{"mipbake": 2, "answer": "frame", "arrays": {"image": [1, 1, 3], "uv": [1, 1, 2], "lod": [1, 1]}}' ;;
     *) exit 0 ;;
     esac
 done

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from mipbake.base.errors import RendererError
 from mipbake.fitting import Levels, fit
-from mipbake.fitting.renderer import TILE, new_stamps, rectangles, tiles_along
-from mipbake.fitting.stamps import Stamps, tiles_of
+from mipbake.fitting.renderer import TILE, Stamps, new_stamps, rectangles, tiles_along, tiles_of
 from mipbake.material.pixel_filter import level_sizes
 
 from .fitting_levels import noisy, stamps_of

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import re
 import shutil
+import sys
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,11 +19,11 @@ from mipbake.base.errors import RendererError, UsageError
 from mipbake.base.srgb import srgb_to_linear
 from mipbake.comparing.meshes.camera import orbit
 from mipbake.comparing.meshes.shapes import material_ball, plane, sphere
+from mipbake.fitting.named import RendererChoice
 from mipbake.fitting.renderer import Levels
-from mipbake.fitting.supersampled import supersampled
-from mipbake.fitting.three import MATERIALS, ThreeRenderer, three_folder
+from mipbake.fitting.three import MATERIALS, three_folder
 from mipbake.fitting.views import View
-from mipbake.material.pixel_filter import filter_named, level_sizes
+from mipbake.material.pixel_filter import level_sizes
 from mipbake.quality.environment import directional
 
 from .fitting_levels import check_tiles, noisy, stamped, stamps_of
@@ -44,9 +48,13 @@ def build() -> Path:
     return BUILD
 
 
+def made(build: Path, material: str = "standard", timeout: float | None = None) -> Any:
+    return RendererChoice("three", material, timeout=timeout, three=build).made()
+
+
 @pytest.fixture(scope="module")
-def standard(build: Path) -> Iterator[ThreeRenderer]:
-    with ThreeRenderer(build, "standard") as renderer:
+def standard(build: Path) -> Iterator[Any]:
+    with made(build) as renderer:
         yield renderer
 
 
@@ -85,7 +93,7 @@ def longer_step(uv: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 @pytest.mark.parametrize("offset", [(0.0, 0.0), (0.4, -0.3)])
-def test_where_it_looks_up_agrees_with_the_library(standard: ThreeRenderer, offset: tuple[float, float]) -> None:
+def test_where_it_looks_up_agrees_with_the_library(standard: Any, offset: tuple[float, float]) -> None:
     levels = constant([(1, 1, 1)] * 9, (256, 256), 100)
     frame = standard.render(levels, SLANTED.moved(*offset))
     view = SLANTED
@@ -108,7 +116,7 @@ def test_where_it_looks_up_agrees_with_the_library(standard: ThreeRenderer, offs
         assert not empty[frame.id == 0].any()
 
 
-def test_a_turned_footprint_is_looked_up_up_to_half_a_level_finer(standard: ThreeRenderer) -> None:
+def test_a_turned_footprint_is_looked_up_up_to_half_a_level_finer(standard: Any) -> None:
     levels = constant([(1, 1, 1)] * 9, (256, 256), 200)
     frame = standard.render(levels, BALL)
     ours = candidate(BALL.mesh, BALL.camera, LIGHT, stored(levels), "gltf", levels.wrap, BALL.size)
@@ -120,7 +128,7 @@ def test_a_turned_footprint_is_looked_up_up_to_half_a_level_finer(standard: Thre
 
 
 @pytest.mark.parametrize("view", [SLANTED, BALL], ids=lambda view: view.name)
-def test_the_picture_mixes_the_levels_that_lod_says(standard: ThreeRenderer, view: View) -> None:
+def test_the_picture_mixes_the_levels_that_lod_says(standard: Any, view: View) -> None:
     mixed = [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (0, 1, 1), (1, 0, 1), (1, 1, 1)]
     black, white, shown = (
         standard.render(constant(colours, (64, 64), stamp), view)
@@ -138,7 +146,7 @@ def test_the_picture_mixes_the_levels_that_lod_says(standard: ThreeRenderer, vie
     np.testing.assert_allclose(found[lit], wanted[lit], atol=0.02)
 
 
-def test_radiance_is_the_irradiance_of_a_surface_that_faces_the_light(standard: ThreeRenderer) -> None:
+def test_radiance_is_the_irradiance_of_a_surface_that_faces_the_light(standard: Any) -> None:
     view = View("sphere", "near", sphere(), orbit(4, 30, 20), LIGHT, (32, 32))
     levels = constant([(1, 1, 1)], (4, 4), 400)
     frame = standard.render(levels, view)
@@ -149,7 +157,7 @@ def test_radiance_is_the_irradiance_of_a_surface_that_faces_the_light(standard: 
     np.testing.assert_allclose(frame.image[lit], ours.image[lit], rtol=0.1)
 
 
-def test_frames_repeat(standard: ThreeRenderer) -> None:
+def test_frames_repeat(standard: Any) -> None:
     first, second = noisy((64, 64), 1, 500), noisy((64, 64), 2, 520)
     once = standard.render(first, BALL)
     again = standard.render(first, BALL)
@@ -160,10 +168,9 @@ def test_frames_repeat(standard: ThreeRenderer) -> None:
         assert np.array_equal(each.image, once.image)
     assert not np.array_equal(other.image, once.image)
     assert np.array_equal(other.uv, once.uv) and np.array_equal(other.lod, once.lod)
-    assert np.array_equal(standard.image(first, BALL), once.image)
 
 
-def test_an_offset_moves_what_pixels_show(standard: ThreeRenderer) -> None:
+def test_an_offset_moves_what_pixels_show(standard: Any) -> None:
     levels = noisy((64, 64), 3, 600)
     still, right, up = (standard.render(levels, view) for view in (SLANTED, SLANTED.moved(1, 0), SLANTED.moved(0, 1)))
     np.testing.assert_allclose(right.uv[:, :-1], still.uv[:, 1:], atol=1e-4)
@@ -171,35 +178,35 @@ def test_an_offset_moves_what_pixels_show(standard: ThreeRenderer) -> None:
     assert np.median(np.abs(right.image[:, :-1] - still.image[:, 1:])) < 0.02 < np.abs(right.image - still.image).max()
 
 
-def test_levels_are_uploaded_when_their_stamps_are_new(standard: ThreeRenderer) -> None:
+def test_levels_are_uploaded_when_their_stamps_are_new(standard: Any) -> None:
     size = (32, 16)
     levels = noisy(size, 4, 700)
-    before = standard.image(levels, BALL)
+    before = standard.render(levels, BALL).image
     for stack in levels.maps.values():
         for texels in stack:
             np.multiply(texels, 0.5, texels)
-    assert np.array_equal(standard.image(levels, BALL), before)
+    assert np.array_equal(standard.render(levels, BALL).image, before)
     # The coarsest levels alone, and then level 0.
     for changed in ({3, 4, 5}, {0}):
         stamps = tuple(stamp + 50 * (level in changed) for level, stamp in enumerate(levels.stamps))
         levels = replace(levels, stamps=stamps)
-        after = standard.image(levels, BALL)
+        after = standard.render(levels, BALL).image
         assert not np.array_equal(after, before)
         before = after
-    assert not np.array_equal(standard.image(stamped(levels, range(790, 796)), BALL), before)
+    assert not np.array_equal(standard.render(stamped(levels, range(790, 796)), BALL).image, before)
 
 
 @pytest.mark.parametrize("size", [(100, 75), (130, 300)])
-def test_tiles_are_uploaded_one_by_one(standard: ThreeRenderer, size: tuple[int, int]) -> None:
+def test_tiles_are_uploaded_one_by_one(standard: Any, size: tuple[int, int]) -> None:
     views = [SLANTED, BALL, View("near", "near", plane(8, 8), orbit(4, 0, 60), LIGHT, (40, 56))]
-    check_tiles(standard.image, views, size)
+    check_tiles(standard, views, size)
 
 
-def test_colours_are_decoded_as_srgb_has_it(standard: ThreeRenderer) -> None:
+def test_colours_are_decoded_as_srgb_has_it(standard: Any) -> None:
     """A surface of one colour is in proportion to what its bytes decode to, less what it reflects as a mirror does."""
     steps = np.array([10, 60, 128, 200, 255]) / 255
     images = [
-        standard.image(constant([(step, step, step)] * 7, stamp=1_100 + 10 * index), BALL)
+        standard.render(constant([(step, step, step)] * 7, stamp=1_100 + 10 * index), BALL).image
         for index, step in enumerate([0.0, *steps])
     ]
     lit = images[-1].max(-1) > 0.3
@@ -209,25 +216,7 @@ def test_colours_are_decoded_as_srgb_has_it(standard: ThreeRenderer) -> None:
         np.testing.assert_allclose(share, srgb_to_linear(step), atol=2e-3)
 
 
-@pytest.mark.parametrize("whole", [True, False])
-@pytest.mark.parametrize("name", ["gaussian", "mitchell"])
-@pytest.mark.parametrize("view", [SLANTED, BALL], ids=lambda view: view.name)
-def test_sums_are_what_renders_add_up_to(standard: ThreeRenderer, view: View, name: str, whole: bool) -> None:
-    """70 renders are more than one request has; weights of mitchell have both signs."""
-
-    class Plain:
-        """The same renderer, which adds nothing up itself."""
-
-        render, image = standard.render, standard.image
-
-    levels = noisy((64, 64), 6, 1_200)
-    wanted = supersampled(Plain(), levels, view, filter_named(name), 70, 0, whole)
-    found = supersampled(standard, levels, view, filter_named(name), 70, 0, whole)
-    assert (wanted == 0).any() and wanted.max() > 0.1
-    np.testing.assert_allclose(found, wanted, rtol=1e-4, atol=1e-5 * wanted.max())
-
-
-def test_stacks_of_other_shapes_do_not_disturb_each_other(standard: ThreeRenderer) -> None:
+def test_stacks_of_other_shapes_do_not_disturb_each_other(standard: Any) -> None:
     stack = noisy((48, 20), 5, 900)
     alone = Levels("gltf", {name: levels[:1] for name, levels in stack.maps.items()}, stack.wrap, stack.stamps[:1])
     clamped = Levels("gltf", stack.maps, ("clamp", "clamp"), stack.stamps)
@@ -240,7 +229,7 @@ def test_stacks_of_other_shapes_do_not_disturb_each_other(standard: ThreeRendere
     assert first[0].lod.max() > 0 == first[1].lod.max()
 
 
-def test_materials_differ_and_take_anisotropy(build: Path) -> None:
+def test_materials_differ(build: Path) -> None:
     plain = constant([(0.5, 0.5, 0.5)] * 7, roughness=0.4)
     sizes = plain.sizes
     more = {
@@ -250,9 +239,8 @@ def test_materials_differ_and_take_anisotropy(build: Path) -> None:
     brushed = Levels("gltf-anisotropic", {**plain.maps, **more}, plain.wrap, plain.stamps)
     seen = []
     for material in MATERIALS:
-        with ThreeRenderer(build, material, anisotropy=4) as renderer:
-            seen += [renderer.image(plain, BALL), renderer.image(brushed, BALL)]
-            assert renderer.gpu
+        with made(build, material) as renderer:
+            seen += [renderer.render(plain, BALL).image, renderer.render(brushed, BALL).image]
     assert all(np.isfinite(image).all() for image in seen)
     assert all(np.abs(a - b).max() > 0.01 for n, a in enumerate(seen) for b in seen[:n])
 
@@ -284,54 +272,66 @@ def doctored(build: Path, folder: Path, script: str) -> Path:
         ),
     ],
 )
-def test_a_page_that_fails_is_an_error_and_closed(build: Path, tmp_path: Path, script: str, message: str) -> None:
-    renderer = ThreeRenderer(doctored(build, tmp_path, script), seconds=3)
-    with pytest.raises(RendererError, match=message):
+def test_a_page_that_fails_is_an_error(build: Path, tmp_path: Path, script: str, message: str) -> None:
+    with made(doctored(build, tmp_path, script), timeout=3) as renderer, pytest.raises(RendererError) as caught:
         for _ in range(200):  # a timer of the page may wait for a second, because browsers slow pages that nobody sees
             renderer.render(constant([(1, 1, 1)]), SLANTED)
-    with pytest.raises(RendererError, match="is closed"):
-        renderer.render(constant([(1, 1, 1)]), SLANTED)
-    renderer.close()
+    assert re.search(message, str(caught.value), re.DOTALL)
 
 
 def test_three_that_does_not_load_is_an_error(build: Path, tmp_path: Path) -> None:
     with pytest.raises(RendererError, match=r"the page of three\.js failed.*no good"):
-        ThreeRenderer(doctored(build, tmp_path, "throw new Error('no good');"))
+        made(doctored(build, tmp_path, "throw new Error('no good');"))
 
 
-def test_a_program_that_is_no_browser_is_an_error(build: Path) -> None:
+def test_a_program_that_is_no_browser_is_an_error(build: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "chromium").symlink_to(shutil.which("false") or "false")
+    monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(RendererError, match="Chromium ended with status 1"):
-        ThreeRenderer(build, chromium=Path(shutil.which("false") or "false"))
+        made(build)
 
 
-def test_levels_that_it_cannot_draw_are_named(standard: ThreeRenderer) -> None:
+@pytest.mark.skipif(sys.platform != "linux", reason="looks at processes as Linux shows them")
+def test_nothing_of_chromium_is_left(build: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MIPBAKE_TEST", str(tmp_path))  # what tells its processes apart
+
+    def running() -> list[Path]:
+        return [each for each in Path("/proc").glob("[0-9]*/environ") if str(tmp_path).encode() in content(each)]
+
+    def content(path: Path) -> bytes:
+        with suppress(OSError):
+            return path.read_bytes()
+        return b""
+
+    renderer = made(build)
+    assert len(running()) > 2
+    renderer.close()
+    assert running() == []
+
+
+def test_levels_that_it_cannot_draw_are_named(standard: Any) -> None:
     levels = constant([(1, 1, 1)] * 3)
     with pytest.raises(UsageError, match="no model 'ggx'"):
         standard.render(Levels("ggx", levels.maps, levels.wrap, levels.stamps), SLANTED)
     twice = {name: [stack[0], stack[0]] for name, stack in levels.maps.items()}
     with pytest.raises(UsageError, match="half"):
         standard.render(Levels("gltf", twice, levels.wrap, stamps_of([levels.sizes[0]] * 2, (1, 2))), SLANTED)
-    assert standard.image(levels, SLANTED).any()
+    assert standard.render(levels, SLANTED).image.any()
 
 
 def test_what_is_missing_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(UsageError, match="npm install three@"):
-        three_folder(tmp_path)
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(UsageError, match="npm install three@"):
-        three_folder()
+    for given in ("", str(tmp_path)):
+        with pytest.raises(UsageError, match="npm install three@"):
+            three_folder(given)
     build = tmp_path / "node_modules" / "three" / "build"
     build.mkdir(parents=True)
     (build / "three.module.js").touch()
     (tmp_path / "deeper").mkdir()
     monkeypatch.chdir(tmp_path / "deeper")
     assert three_folder() == build.resolve()
-    with pytest.raises(UsageError, match="Chromium"):
-        ThreeRenderer(build, chromium=tmp_path / "nothing")
     monkeypatch.setenv("PATH", "")
     with pytest.raises(UsageError, match="install Chromium"):
-        ThreeRenderer(build)
+        made(build)
     with pytest.raises(UsageError, match="no material 'wax'"):
-        ThreeRenderer(build, "wax")
-    with pytest.raises(UsageError, match="limit of 0"):
-        ThreeRenderer(build, seconds=0)
+        made(build, "wax")

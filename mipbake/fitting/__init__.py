@@ -9,7 +9,8 @@ kernels, three.js in a browser, and any program that speaks a small protocol.
 
 from mipbake.fitting.fitting import fit
 from mipbake.fitting.loop import Progress
-from mipbake.fitting.renderer import Frame, Levels, Renderer
+from mipbake.fitting.program import Frame
+from mipbake.fitting.renderer import Levels, Renderer
 from mipbake.fitting.views import SCALES, View, standard_views
 
 __all__ = ["SCALES", "Frame", "Levels", "Progress", "Renderer", "View", "fit", "standard_views"]

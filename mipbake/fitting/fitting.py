@@ -122,10 +122,11 @@ def fit(
         if checkpoint is not None:
             of = starts.values, stack.model, [named(view) for _, view in both]
             file = Checkpoint(Path(checkpoint), key_of(*of, replace(settings, steps=None, budget=None, rounds=0)))
-            state = file.load_fitting(starts.values, len(stack.levels))
+            state = file.load(starts.values, len(stack.levels))
         resting, prepared = loop.levels_of(values), []
+        seen = [preparation.seen(view, resting) for _, view in both]  # all, before the renderer gets the source
         for done, (index, view) in enumerate(both):
-            prepared.append(preparation.of(view, resting, images(index, view), held_out=done >= len(learned)))
+            prepared.append(preparation.of(view, seen[done], images(index, view), held_out=done >= len(learned)))
             preparing((done + 1) / len(both))
         training, checking = prepared[: len(learned)], prepared[len(learned) :]
         if file is not None and state is not None:

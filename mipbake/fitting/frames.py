@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,7 +33,7 @@ class Looked:
 
 
 def rendered(renderer: Renderer[Any], levels: Levels, view: Any, who: str, size: tuple[int, int] | None) -> Array:
-    """The (H, W, 3) image of a view, float32, without what a frame holds besides, where a renderer can leave that out.
+    """The (H, W, 3) image of a view, float32.
 
     Args:
         who: which view it is, for errors.
@@ -43,39 +42,12 @@ def rendered(renderer: Renderer[Any], levels: Levels, view: Any, who: str, size:
     Raises:
         RendererError: no image, another shape or size, or values that are not finite.
     """
-    image = getattr(renderer, "image", None)
-    made = renderer.render(levels, view) if image is None else image(levels, view)
-    return _picture(made if image is not None else _image(made, who), who, size)
+    return image_of(renderer.render(levels, view), who, size)
 
 
-def summed(
-    renderer: Any,
-    levels: Levels,
-    views: Sequence[Any],
-    weights: Sequence[float],
-    who: str,
-    size: tuple[int, int] | None = None,
-) -> tuple[Array, Array]:
-    """What the method `summed` of a renderer gives: (H, W, 3) and (H, W) float32.
-
-    Raises:
-        RendererError: not two arrays, other shapes, or values that are not finite.
-    """
-    made = renderer.summed(levels, views, weights)
-    if not isinstance(made, tuple) or len(made) != 2:
-        raise RendererError(
-            f"{who}: `summed` gave a {type(made).__name__}: expected a sum of images and one of weights"
-        )
-    image, counted = _picture(made[0], who, size), _numbers(made[1], "the sum of weights", who)
-    if counted.shape != image.shape[:2]:
-        raise RendererError(f"{who}: the sum of weights has shape {counted.shape}: expected {image.shape[:2]}")
-    _check_finite(counted[..., None], "the sum of weights", who)
-    return image, counted
-
-
-def image_of(frame: Any, who: str) -> Array:
-    """The image of a frame, its pixels in a row: (P, 3). RendererError as of `rendered`."""
-    return _picture(_image(frame, who), who, None).reshape(-1, 3)
+def image_of(frame: Any, who: str, size: tuple[int, int] | None = None) -> Array:
+    """The (H, W, 3) image of a frame. RendererError as of `rendered`."""
+    return _picture(_image(frame, who), who, size)
 
 
 def with_cover(frame: Any, who: str, size: tuple[int, int] | None) -> tuple[Array, NDArray[np.bool_]]:

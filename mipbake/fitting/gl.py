@@ -35,20 +35,22 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Mapping
 from importlib.resources import files
+from pathlib import Path
 from typing import Any
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.base.errors import UsageError
+from mipbake.base.extras import extra
 from mipbake.comparing.meshes.mesh import Mesh
-from mipbake.fitting.gl_textures import TEXELS, GlTextures, loaded_moderngl
-from mipbake.fitting.renderer import Array, Frame, Levels
+from mipbake.fitting.program import Frame, SharedMaps, serve
+from mipbake.fitting.protocol import view_of
+from mipbake.fitting.renderer import write_bytes
 from mipbake.fitting.views import View
-from mipbake.material import GLTF_MODELS, MODELS
+from mipbake.material import COLOUR, GLTF_MODELS, MODELS
+from mipbake.material.pixel_filter import level_sizes
 
 MAX_LIGHTS = 64
 """Most lights of a view: as many as an environment becomes. OpenGL 3.3 promises room for fewer than 128."""
@@ -57,8 +59,7 @@ SHADERS = ("gltf", "clearcoat", "ramp")
 """Shaders that come with mipbake: the metallic-roughness model as mipbake shades it, the same under a clear coat, and a
 stylised one whose light falls in steps."""
 
-_KEPT = 4
-"""Stacks of other sizes whose textures are kept: a stack and its source, twice."""
+_SRGB8_ALPHA8 = 0x8C43
 
 _VERTICES = """
 #version 330
@@ -131,94 +132,85 @@ void main() {
 """
 
 
-def shipped_shader(name: str) -> str:
-    """GLSL of a shader in `SHADERS`; UsageError, with the list of names, where there is none."""
-    if name not in SHADERS:
-        raise UsageError(f"no shader is called {name!r}: expected one of {', '.join(SHADERS)}")
-    return (files("mipbake.fitting") / "shaders" / f"{name}.glsl").read_text(encoding="utf-8")
+def shader_source(name: str) -> str:
+    """GLSL of a shader in `SHADERS`, or of a file.
+
+    Raises:
+        UsageError: there is none, or it cannot be read.
+    """
+    if name in SHADERS:
+        return (files("mipbake.fitting") / "shaders" / f"{name}.glsl").read_text(encoding="utf-8")
+    try:
+        return Path(name).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise UsageError(
+            f"the shader {name} cannot be read ({reason}): expected {', '.join(SHADERS)}, or a text file of GLSL"
+        ) from error
 
 
 class GlRenderer:
-    """Renders views with a fragment shader of the user's. It belongs to the thread that made it.
+    """Renders views with a fragment shader of the user's. It belongs to the thread that started it.
 
     Textures, meshes and pictures of the same sizes stay where they are from one call to the next.
 
     Args:
-        shader: GLSL that defines `vec3 shade(Surface s)`, as the module says.
-        texels: "rgba8", which rounds maps to 8 bits as files hold them, or "rgba32f", which does not. Lookups are
-            equally precise with either.
-        name: what messages call the shader: the path of its file.
-
-    Raises:
-        UsageError: moderngl or OpenGL 3.3 over EGL is missing, the shader does not compile, or no such texels.
+        shader: the name of a shader in `SHADERS`, or of a file of GLSL that defines `vec3 shade(Surface s)`.
     """
 
-    def __init__(self, shader: str, texels: str = "rgba8", name: str = "the shader") -> None:
-        if texels not in TEXELS:
-            raise UsageError(f"no texels are called {texels!r}: expected one of {', '.join(TEXELS)}")
-        self._texels, self._name = texels, name
-        self.called = f"gl ({name})"
-        """What provenance calls it."""
-        self._context = _context()
-        self._textures: dict[Any, GlTextures] = {}
+    def __init__(self, shader: str) -> None:
+        self._name = shader
+        self._context: Any = None
+        self._programs: dict[str, Any] = {}
+        self._shape: object = None
+        self._textures: dict[str, Any] = {}  # one or two channels, or four for three
         self._meshes: dict[Mesh, dict[str, Any]] = {}
         self._framebuffers: dict[tuple[int, int], Any] = {}
-        self._looked: WeakKeyDictionary[View, dict[Any, tuple[NDArray[Any], ...]]] = WeakKeyDictionary()
-        try:
-            with self._context:
-                geometry = self._context.program(_VERTICES, _GEOMETRY)
-                self._programs = {"geometry": geometry, "image": self._compiled(shader)}
-        except UsageError:
-            self.close()
-            raise
+        self._looked: dict[Any, NDArray[np.float32]] = {}
 
-    def close(self) -> None:
-        """Gives all memory of the driver back. Nothing can be rendered after it."""
-        self._context.release()
+    def start(self, folder: str) -> str:  # noqa: ARG002
+        """Makes it ready, and returns what it is called.
 
-    def render(self, levels: Levels, view: View) -> Frame:
+        Raises:
+            UsageError: moderngl or OpenGL 3.3 over EGL is missing, or the shader does not compile.
+        """
+        source = shader_source(self._name)
+        self._context = _context()
+        self._programs = {"geometry": self._context.program(_VERTICES, _GEOMETRY), "image": self._compiled(source)}
+        return f"gl ({self._name})"
+
+    def render(self, maps: SharedMaps, told: dict[str, Any]) -> Frame:
         """The frame of a view: `Frame` with `image`, `uv`, `lod` and `id`.
-
-        What does not depend on texels, which is all but the image, is rendered once for each view object. These arrays
-        are the same ones from one call to the next, and cannot be written to.
 
         Raises:
             UsageError: a model that glTF does not have, a map that the shader looks up and the model does not have,
                 levels whose sizes do not halve, or more than 64 lights.
         """
-        image = self.image(levels, view)
-        looked, key = self._looked.setdefault(view, {}), (levels.sizes[0], len(levels.sizes))
-        if key not in looked:
-            with self._context:
-                found = self._drawn("geometry", levels, view)
-            looked[key] = found[..., :2].copy(), found[..., 2].copy(), found[..., 3].astype(np.int32)
-            for array in looked[key]:
-                array.flags.writeable = False
-        uv, lod, index = looked[key]
-        return Frame(image, uv, lod=lod, id=index)
-
-    def image(self, levels: Levels, view: View) -> Array:
-        """(H, W, 3) float32, rows from the top: the image of `render` alone, as references need no more.
-
-        Raises:
-            UsageError: as `render`.
-        """
-        self._check(levels, view)
+        view = view_of(told)
+        self._check(maps, view)
+        self._upload(maps)
         program = self._programs["image"]
-        with self._context:
-            for unit, (name, texture) in enumerate(self._uploaded(levels).items()):
-                if f"{name}_map" in program:
-                    texture.use(unit)
-                    program[f"{name}_map"] = unit
-            _set(program, "mipbake_eye", view.camera.position)
-            _set(program, "light_count", len(view.lighting.direction))
-            _set(program, "light_directions", view.lighting.direction)
-            _set(program, "light_radiances", view.lighting.radiance)
-            return self._drawn("image", levels, view)[..., :3]
+        for unit, (name, texture) in enumerate(self._textures.items()):
+            if f"{name}_map" in program:
+                texture.use(unit)
+                program[f"{name}_map"] = unit
+        _set(program, "mipbake_eye", view.camera.position)
+        _set(program, "light_count", len(view.lighting.direction))
+        _set(program, "light_directions", view.lighting.direction)
+        _set(program, "light_radiances", view.lighting.radiance)
+        image = self._drawn("image", maps, view)[..., :3]
+        # All but the image is the same whatever the texels are. Views that are moved for references come once.
+        key = str((told, maps.sizes))
+        found = self._looked.get(key)
+        if found is None:
+            found = self._drawn("geometry", maps, view)
+            if view.offset == (0.0, 0.0):
+                self._looked[key] = found
+        return Frame(image, found[..., :2], lod=found[..., 2], id=found[..., 3])
 
-    def _drawn(self, what: str, levels: Levels, view: View) -> NDArray[np.float32]:
+    def _drawn(self, what: str, maps: SharedMaps, view: View) -> NDArray[np.float32]:
         """(H, W, 4) what a program makes of a view, 0 where nothing is, rows from the top."""
-        moderngl = loaded_moderngl()
+        moderngl = _moderngl()
         (height, width), program = view.size, self._programs[what]
         if view.size not in self._framebuffers:
             colour = self._context.renderbuffer((width, height), 4, dtype="f4")
@@ -226,8 +218,8 @@ class GlRenderer:
             self._framebuffers[view.size] = self._context.framebuffer([colour], depth)
         framebuffer, array = self._framebuffers[view.size], self._mesh(view.mesh)[what]
         _set(program, "mipbake_clip", tuple(view.matrix().T.reshape(-1)))
-        _set(program, "mipbake_size", levels.sizes[0][::-1])
-        _set(program, "mipbake_last", len(levels.sizes) - 1)
+        _set(program, "mipbake_size", maps.sizes[0][::-1])
+        _set(program, "mipbake_last", len(maps.sizes) - 1)
         framebuffer.use()
         framebuffer.clear(0.0, 0.0, 0.0, 0.0)
         self._context.enable_only(moderngl.DEPTH_TEST)
@@ -251,20 +243,46 @@ class GlRenderer:
                 self._meshes[mesh][what] = self._context.vertex_array(program, used, indices, index_element_size=4)
         return self._meshes[mesh]
 
-    def _uploaded(self, levels: Levels) -> Mapping[str, Any]:
-        """Name of each map to its texture, which holds these levels."""
-        key = (levels.model, tuple(levels.sizes))
-        textures = self._textures.pop(key, None) or GlTextures(self._context, levels, self._texels)
-        self._textures[key] = textures  # the last one in the order
-        if len(self._textures) > _KEPT:
-            self._textures.pop(next(iter(self._textures))).release()
-        textures.update(levels)
-        return textures.maps
+    def _upload(self, maps: SharedMaps) -> None:
+        """Uploads the texels that changed, into one texture for each map.
 
-    def _check(self, levels: Levels, view: View) -> None:
+        Texels that are rounded to 8 bits lie in normalised numbers of 16 bits, q / 255 as 257 q / 65535, which are the
+        very same numbers. llvmpipe filters textures of 8 bits in 8 bits: between 10/255 and 20/255 it finds nothing but
+        whole 255ths, where GPUs and its other textures do. Colours are exempt, as sRGB is decoded before it is
+        filtered.
+        """
+        moderngl, sizes = _moderngl(), maps.sizes
+        colours = {each.name for each in MODELS[maps.model].stored if each.facts.encoding == COLOUR}
+        if (maps.model, sizes) != self._shape:
+            for texture in self._textures.values():
+                texture.release()
+            self._shape, self._textures = (maps.model, sizes), {}
+            for name, levels in maps.maps.items():
+                channels = levels[0].shape[2]
+                dtype, internal = ("f1", _SRGB8_ALPHA8) if name in colours else ("nu2", None)
+                texture = self._context.texture(
+                    sizes[0][::-1], 4 if channels == 3 else channels, alignment=1, dtype=dtype, internal_format=internal
+                )
+                texture.build_mipmaps(0, len(sizes) - 1)  # makes room, and sets the last level
+                texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
+                self._textures[name] = texture
+        for name, texture in self._textures.items():
+            texture.repeat_x, texture.repeat_y = (each == "wrap" for each in maps.wrap)
+            for index, (level, parts) in enumerate(zip(maps.maps[name], maps.changed, strict=True)):
+                for row, column, height, width in parts:
+                    texels = np.full((height, width, texture.components), 255, np.uint8)
+                    write_bytes(texels, level[row : row + height, column : column + width])
+                    wider = texels if name in colours else texels.astype(np.uint16) * np.uint16(257)
+                    texture.write(wider, (column, row, width, height), index)
+
+    def _check(self, levels: SharedMaps, view: View) -> None:
         if levels.model not in GLTF_MODELS:
             raise UsageError(
                 f"the renderer gl knows no material model {levels.model!r}: expected {' or '.join(GLTF_MODELS)}"
+            )
+        if levels.sizes != level_sizes(*levels.sizes[0])[: len(levels.sizes)]:
+            raise UsageError(
+                f"levels measure {levels.sizes} (height, width): expected each half as large as the one before"
             )
         for name in _MAPS:
             if name not in levels.maps and f"{name}_map" in self._programs["image"]:
@@ -279,7 +297,7 @@ class GlRenderer:
             )
 
     def _compiled(self, shader: str) -> Any:
-        moderngl = loaded_moderngl()
+        moderngl = _moderngl()
 
         code = re.sub(r"//[^\n]*|/\*.*?\*/", " ", shader, flags=re.DOTALL)
         if re.search(r"^[ \t]*#[ \t]*version\b", code, re.MULTILINE):
@@ -296,9 +314,16 @@ class GlRenderer:
             ) from None
 
 
+def _moderngl() -> Any:
+    """The module moderngl; UsageError, with what to type, where it is missing."""
+    with extra("fit", "the renderer gl"):
+        import moderngl
+    return moderngl
+
+
 def _context() -> Any:
     """A context of OpenGL without a window."""
-    moderngl = loaded_moderngl()
+    moderngl = _moderngl()
     # Only EGL needs no display. moderngl has it for Linux alone; what it takes elsewhere was never tried.
     backend: dict[str, Any] = {"backend": "egl"} if sys.platform == "linux" else {}
     try:
@@ -320,3 +345,9 @@ def _set(program: Any, name: str, value: Any) -> None:
         program[name].write(padded.astype(np.float32))
     else:
         program[name] = value
+
+
+def main() -> None:
+    """The program: its argument is the shader."""
+    renderer = GlRenderer(sys.argv[1])
+    serve(renderer.render, renderer.start)

@@ -17,8 +17,7 @@ from mipbake.base.errors import UsageError
 from mipbake.fitting.comparisons import ERRORS, decibels, worth
 from mipbake.fitting.parameters import Parameters
 from mipbake.fitting.prepared import TEXELS, Prepared, render_pixels, scores, scores_of_levels
-from mipbake.fitting.renderer import Array, Levels, Renderer
-from mipbake.fitting.stamps import Stamps
+from mipbake.fitting.renderer import Array, Levels, Renderer, Stamps
 from mipbake.fitting.state import Checkpoint, FitState, kept_in
 
 DEFAULT_STEPS = 2000

@@ -11,8 +11,11 @@ from functools import wraps
 from pathlib import Path
 from typing import Any
 
-from mipbake.base.errors import InputError, MipbakeError, RendererError, UsageError
-from mipbake.fitting.renderer import Frame, Levels, Renderer
+from mipbake.base.errors import MipbakeError, RendererError, UsageError
+from mipbake.fitting.process import ProcessRenderer
+from mipbake.fitting.program import Frame
+from mipbake.fitting.protocol import read_views
+from mipbake.fitting.renderer import Levels, Renderer
 from mipbake.fitting.views import standard_views
 
 RENDERERS = ("gl", "three", "torch")
@@ -30,8 +33,8 @@ class RendererChoice:
             `command`.
         shader: for `gl` the name of a shader that comes with mipbake, or a file of GLSL; for `three` the name of a
             material; None for the default.
-        command: a program that speaks the protocol of docs/fit-protocol.md. exchange: how maps and frames get there and
-            back. timeout: seconds that a render may take. start_timeout: seconds that the program may take to start.
+        command: a program that speaks the protocol of docs/fit-protocol.md. timeout: seconds that a render may take.
+            start_timeout: seconds that the program may take to start.
         three: the folder that holds three.js; None to look for it.
         views: a JSON file with a list of views for `command` or MODULE:FACTORY; None for views of a plane.
 
@@ -42,7 +45,6 @@ class RendererChoice:
     renderer: str | None
     shader: str | None = None
     command: str | None = None
-    exchange: str | None = None
     timeout: float | None = None
     start_timeout: float | None = None
     three: Path | None = None
@@ -56,7 +58,6 @@ class RendererChoice:
         allowed = {
             "shader": self.renderer in ("gl", "three"),
             "three": self.renderer == "three",
-            "exchange": self.command is not None,
             "timeout": self.command is not None or self.renderer == "three",
             "start_timeout": self.command is not None,
             "views": self.renderer not in RENDERERS,
@@ -75,27 +76,28 @@ class RendererChoice:
             UsageError: it does not exist, or lacks something that it needs.
             RendererError: the function that makes it raised something.
         """
-        if self.command is not None:
-            from mipbake.fitting.process import ProcessRenderer
-
-            given = {"exchange": self.exchange, "timeout": self.timeout, "start_timeout": self.start_timeout}
-            return ProcessRenderer(self.command, **{name: value for name, value in given.items() if value is not None})  # type: ignore[arg-type]
-        if self.renderer == "gl":
-            from mipbake.fitting.gl import GlRenderer
-
-            return GlRenderer(*_shader(self.shader))
-        if self.renderer == "three":
-            from mipbake.fitting.three import ThreeRenderer
-
-            seconds = {} if self.timeout is None else {"seconds": self.timeout}
-            material = {} if self.shader is None else {"material": self.shader}
-            return ThreeRenderer(self.three, **seconds, **material)  # type: ignore[arg-type]
         if self.renderer == "torch":
             from mipbake.fitting.kernels import TorchRenderer
 
             return TorchRenderer()
-        assert self.renderer is not None
+        if self.renderer is None or self.renderer in RENDERERS:
+            given = {"timeout": self.timeout, "start_timeout": self.start_timeout}
+            limits = {name: value for name, value in given.items() if value is not None}
+            if self.command is not None:
+                return ProcessRenderer(self.command, **limits)
+            renderer = ProcessRenderer(self._shipped(), **limits)
+            renderer.start()  # what the user can mend is said before long work
+            return renderer
         return _from_module(self.renderer)
+
+    def _shipped(self) -> list[str]:
+        """The command of a renderer that comes with mipbake. It finds modules where this process does."""
+        if self.renderer == "gl":
+            arguments = [self.shader or "gltf"]
+        else:
+            arguments = [str(self.three or ""), self.shader or "physical"]
+        start = f"import sys; sys.path[:] = {sys.path!r}; from mipbake.fitting.{self.renderer} import main; main()"
+        return [sys.executable, "-c", start, *arguments]
 
     def views_of(
         self, size: tuple[int, int], wrap: tuple[str, str], each: int, seed: int
@@ -107,28 +109,8 @@ class RendererChoice:
             InputError: the file cannot be read.
         """
         if self.views is not None:
-            from mipbake.fitting.protocol import read_views
-
             return read_views(self.views), None
         return standard_views(size, wrap, each, seed), standard_views(size, wrap, max(2, each // 4), seed + 1)
-
-
-def _shader(name: str | None) -> tuple[str, str, str]:
-    """Source, texels and name of a shader."""
-    from mipbake.fitting.gl import SHADERS, shipped_shader
-    from mipbake.fitting.gl_textures import TEXELS
-
-    if name is None:
-        name = SHADERS[0]
-    if name in SHADERS:
-        return shipped_shader(name), TEXELS[0], name
-    path = Path(name)
-    if not path.is_file():
-        raise UsageError(f"there is no shader {name}: expected {', '.join(SHADERS)}, or a file of GLSL")
-    try:
-        return path.read_text(encoding="utf-8"), TEXELS[0], str(path)
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"the shader {path} cannot be read ({error}): expected a text file of GLSL") from error
 
 
 def _from_module(given: str) -> Renderer[Any]:

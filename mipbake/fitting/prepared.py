@@ -14,8 +14,7 @@ from mipbake.base.errors import RendererError, UsageError
 from mipbake.fitting.comparisons import Comparison, comparisons, decibels, joined
 from mipbake.fitting.frames import Looked, image_of, looked, rendered
 from mipbake.fitting.parameters import Parameters
-from mipbake.fitting.renderer import Array, Levels, Renderer
-from mipbake.fitting.stamps import tiles_of
+from mipbake.fitting.renderer import Array, Levels, Renderer, tiles_of
 from mipbake.fitting.supersampled import named, supersampled
 from mipbake.material.pixel_filter import PixelFilter
 from mipbake.stochastic import Contributions, contributions, touched_texels
@@ -37,7 +36,7 @@ class Prepared:
         parts: the ways in which images are compared with the reference, the first of all counts in reports.
         shown: (P,) 1 where a pixel shows the maps, and 0 where its error does not count.
         visible: the texels that show, (K,) int32, increasing.
-        tiles: the tiles that these texels lie in, (T,) increasing, as `mipbake.fitting.stamps` numbers them.
+        tiles: the tiles that these texels lie in, (T,) increasing, as `mipbake.fitting.renderer.tiles_of` numbers them.
         shares: (levels,) float64, how much of what the pixels read lies in each level; they sum to 1.
         credited: which pixels each texel is credited for; empty for a view that is held out.
     """
@@ -104,16 +103,23 @@ class Preparation:
     seed: int
     error: str
 
-    def of(self, view: Any, levels: Levels, given: Any, held_out: bool) -> Prepared:
+    def seen(self, view: Any, levels: Levels) -> tuple[Looked, Array]:
+        """Where a view's pixels look these levels up, and its image (H, W, 3). RendererError: a frame that is none."""
+        who = named(view)
+        frame = self.renderer.render(levels, view)
+        return looked(frame, who), image_of(frame, who).copy()  # a renderer may use its arrays again
+
+    def of(self, view: Any, seen: tuple[Looked, Array], given: Any, held_out: bool) -> Prepared:
         """A view, with the reference image that is given, or with a supersampled one in place of None.
+
+        Args:
+            seen: of the stack that the fit starts from.
 
         Raises:
             UsageError: no reference, and no source to make one of.
             RendererError: a frame that is none.
         """
-        who = named(view)
-        frame = self.renderer.render(levels, view)
-        found, own = looked(frame, who), image_of(frame, who).copy()  # a renderer may use its arrays again
+        who, (found, own) = named(view), seen
         footprint = "trilinear" if found.uv_da is None else "anisotropic"
         every = contributions(self._touched(found, footprint))
         if held_out:
@@ -124,7 +130,7 @@ class Preparation:
         pixels, shown = image.reshape(-1, 3), found.seen.astype(np.float32)
         if not (pixels[found.seen > 0] > 0).any():
             raise RendererError(f"{who}: the reference is black wherever the maps show: expected light on the material")
-        parts = tuple(part.begun(own) for part in comparisons(self.error, pixels, shown))
+        parts = tuple(part.begun(own.reshape(-1, 3)) for part in comparisons(self.error, pixels, shown))
         visible = np.asarray(every.elements)
         return Prepared(
             view,

@@ -14,8 +14,7 @@ from mipbake import stochastic
 from mipbake.base.errors import RendererError
 from mipbake.fitting.parameters import Parameters
 from mipbake.fitting.prepared import Prepared, render_pixels
-from mipbake.fitting.renderer import Array, Levels, Renderer
-from mipbake.fitting.stamps import Stamps
+from mipbake.fitting.renderer import Array, Levels, Renderer, Stamps
 
 _TRIED = 8
 """So many views are tried, spread over all of them."""

@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +14,13 @@ import numpy as np
 
 from mipbake.base import disk, json_text
 from mipbake.base.errors import InputError, RendererError, UsageError
+from mipbake.comparing.meshes.camera import Camera
 from mipbake.comparing.meshes.mesh import Mesh
+from mipbake.comparing.meshes.mesh_gltf import read_gltf
+from mipbake.fitting.program import VERSION
 from mipbake.fitting.views import View
+from mipbake.quality.environment import directional
 from mipbake.source.gltf.container import packed
-
-VERSION = 1
-"""Of the protocol. Another one where a program of this one would no longer understand, or be understood."""
 
 _ATTRIBUTES = (("POSITION", "VEC3"), ("NORMAL", "VEC3"), ("TEXCOORD_0", "VEC2"), ("TANGENT", "VEC4"))
 _MEANT = re.compile(rb'\s*\{\s*"mipbake"')  # how a line begins that is meant as an answer
@@ -97,17 +99,10 @@ def read_views(path: Path | str) -> list[JsonView]:
     return [JsonView(each) for each in found]
 
 
-def name_of(view: Any) -> str:
-    """What messages call a view of any kind."""
-    found = view.get("name") if isinstance(view, Mapping) else getattr(view, "name", None)
-    return found if isinstance(found, str) and found else "view"
-
-
 def view_as_json(view: Any, mesh_file: Callable[[Mesh], Path]) -> dict[str, Any]:
     """What a renderer is told of a view.
 
     Args:
-        view: a `View`, a `JsonView`, or a mapping, which is handed through.
         mesh_file: gives the file that holds a mesh.
 
     Raises:
@@ -115,12 +110,10 @@ def view_as_json(view: Any, mesh_file: Callable[[Mesh], Path]) -> dict[str, Any]
     """
     if isinstance(view, JsonView):
         return view.as_json()
-    if isinstance(view, Mapping):
-        return dict(view)
     if not isinstance(view, View):
         raise UsageError(
             f"a renderer in a process of its own cannot be told of a view of the type {type(view).__name__}: expected "
-            "a View, a JsonView or a mapping"
+            "a View or a JsonView"
         )
     camera = view.camera
     lights = zip(view.lighting.direction.tolist(), view.lighting.radiance.tolist(), strict=True)
@@ -137,6 +130,20 @@ def view_as_json(view: Any, mesh_file: Callable[[Mesh], Path]) -> dict[str, Any]
         "lights": [{"direction": direction, "radiance": radiance} for direction, radiance in lights],
         "mesh": str(mesh_file(view.mesh)),
     }
+
+
+@lru_cache(4096)
+def _mesh_in(file: str) -> Mesh:
+    return read_gltf(Path(file))
+
+
+def view_of(told: Mapping[str, Any]) -> View:
+    """The view that `view_as_json` was made of, on the side of a program; the mesh of a file is always one object."""
+    camera = Camera(**{key: value for key, value in told["camera"].items() if key != "matrix"})
+    lights = directional("lights", *([each[key] for each in told["lights"]] for key in ("direction", "radiance")))
+    height, width = told["size"]
+    right, up = told["offset"]
+    return View(told["name"], told["scale"], _mesh_in(told["mesh"]), camera, lights, (height, width), (right, up))
 
 
 def glb_of(mesh: Mesh) -> bytes:
@@ -195,15 +202,13 @@ def as_answer(line: bytes) -> dict[str, Any] | None:
     return found if isinstance(found, dict) and "mipbake" in found else None
 
 
-def check_answer(answer: Mapping[str, Any], expected: str, number: int | None = None) -> None:
+def check_answer(answer: Mapping[str, Any], expected: str) -> None:
     """Whether an answer is the one that was expected, "hello" or "frame".
 
-    Args:
-        number: of the request for a frame; None where requests have none.
-
     Raises:
-        RendererError: an answer that cannot be read, another version, an error that the program tells, another answer,
-            another number.
+        RendererError: an answer that cannot be read, another version, an error that the program reports, or another
+            answer.
+        UsageError: the program reports that what it was given is of no use.
     """
     if _UNREADABLE in answer:
         raise RendererError(
@@ -217,11 +222,12 @@ def check_answer(answer: Mapping[str, Any], expected: str, number: int | None = 
             f"expected a program of version {VERSION} (docs/fit-protocol.md), or another version of mipbake"
         )
     if kind == "error":
-        raise RendererError(f"the renderer reports an error: {' '.join(str(answer.get('message')).split())}")
+        sentence, *lines = [line for line in str(answer.get("message")).splitlines() if line.strip()] or [""]
+        if answer.get("usage") is True:
+            raise UsageError("\n".join([sentence, *lines]))
+        raise RendererError("\n".join([f"the renderer reports an error: {sentence}", *lines]))
     if kind != expected:
         raise RendererError(f'the renderer gave the answer {kind!r}: expected "{expected}"')
-    if number is not None and (isinstance(answer.get("id"), bool) or answer.get("id") != number):
-        raise RendererError(f"the renderer answered the request {answer.get('id')!r}: expected the id {number}")
     if expected == "hello" and not isinstance(answer.get("renderer"), str):
         raise RendererError('the renderer did not say its name: expected a text as "renderer" of its answer "hello"')
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+from mipbake.fitting.program import Frame
 
 Array = NDArray[np.float32]
 V_contra = TypeVar("V_contra", contravariant=True)
@@ -118,28 +121,69 @@ class Levels:
         return [rectangles(new != old, size) for new, old, size in compared]
 
 
-@dataclass(frozen=True, eq=False)
-class Frame:
-    """What a renderer made of a view, rows from the top.
+def tiles_of(texels: NDArray[np.int32], sizes: Sequence[tuple[int, int]]) -> NDArray[np.intp]:
+    """(T,) numbers of the tiles that hold texels, increasing. Tiles are counted as texels are: level after level.
 
     Args:
-        image: (H, W, 3), linear radiance; or what a display gets, for fits that compare it as it is.
-        uv: (H, W, 2) where the pixel's centre looked the maps up; u to the right and v down, any real numbers where
-            the maps repeat.
-        lod: (H, W) level of detail of a trilinear lookup; or None, then `uv_da` is given.
-        uv_da: (H, W, 4) du/dX, du/dY, dv/dX, dv/dY per pixel, of an anisotropic lookup with up to 16 samples along the
-            footprint; or None.
-        id: (H, W) integers from 0 on, 0 where a pixel shows nothing of the maps. None: every pixel shows them.
+        texels: (K,) numbers of texels, increasing.
+        sizes: (height, width) of each level in texels, finest first.
+    """
+    firsts = _firsts(sizes)
+    first_tiles = _firsts(map(tiles_along, sizes))
+    bounds = np.searchsorted(texels, firsts)
+    found = []
+    for level, size in enumerate(sizes):
+        rows, columns = np.divmod(texels[bounds[level] : bounds[level + 1]] - firsts[level], size[1])
+        own = rows // TILE * tiles_along(size)[1] + columns // TILE
+        found.append(np.unique(own) + first_tiles[level])
+    return np.concatenate(found).astype(np.intp)
 
-    Any array of numbers will do, and the renderer may use it again for the next frame. A fit checks shapes, and that
-    values are finite.
+
+class Stamps:
+    """The stamps of a stack whose texels change from one call of a renderer to the next.
+
+    Args:
+        sizes: (height, width) of each level in texels, finest first.
     """
 
-    image: Any
-    uv: Any
-    lod: Any = None
-    uv_da: Any = None
-    id: Any = None
+    def __init__(self, sizes: Sequence[tuple[int, int]]) -> None:
+        self._shapes = [tiles_along(size) for size in sizes]
+        self._firsts = _firsts(self._shapes)
+        self._numbers = np.zeros(self._firsts[-1], np.int64)
+        self._touched = np.ones(self._firsts[-1], np.bool_)
+
+    def touch(self, tiles: NDArray[np.intp]) -> None:
+        """Says that texels of these tiles may be others than at the last `handed_out`."""
+        self._touched[tiles] = True
+
+    def touch_all(self, level: int | None = None) -> None:
+        """Says so of all tiles of a level; None: of all levels."""
+        first, end = (0, -1) if level is None else (level, level + 1)
+        self._touched[self._firsts[first] : self._firsts[end]] = True
+
+    def handed_out(self) -> tuple[NDArray[np.int64], ...]:
+        """Stamps for `Levels`: a new number for the tiles that were touched since the last call, and for no others.
+
+        The arrays stay as they are.
+        """
+        self._numbers[self._touched] = new_stamp()
+        self._touched[...] = False
+        numbers = self._numbers.copy()
+        numbers.flags.writeable = False
+        parts = zip(pairwise(self._firsts), self._shapes, strict=True)
+        return tuple(numbers[first:end].reshape(shape) for (first, end), shape in parts)
+
+
+def _firsts(sizes: Iterable[tuple[int, int]]) -> list[int]:
+    """The number of the first part of each level, and of parts in all, where levels have (rows, columns) of parts."""
+    return [int(n) for n in np.cumsum([0, *(rows * columns for rows, columns in sizes)])]
+
+
+def write_bytes(texels: NDArray[np.uint8], values: Array) -> None:
+    """Rounds values (H, W, C) to 8 bits, as files hold them, into the first channels of (H, W, C or more)."""
+    for channel in range(values.shape[-1]):  # at a time, which NumPy is three times as quick at as at short vectors
+        scaled = values[..., channel] * np.float32(255) + np.float32(0.5)
+        texels[..., channel] = np.clip(scaled, 0, 255, out=scaled)  # the integer below
 
 
 class Renderer(Protocol[V_contra]):
@@ -148,15 +192,8 @@ class Renderer(Protocol[V_contra]):
     The same levels and the same view must give the same frame, as far as that is possible: a fit follows differences
     between frames.
 
-    The attribute `called`, where a renderer has it, is what provenance calls the renderer. Three more methods are used
-    where a renderer has them:
-
-    - `image(levels, view)` gives the image of a frame alone, without what does not change with the maps.
-    - `summed(levels, views, weights)` gives the sum of weights times images, (H, W, 3), and at each pixel the sum of
-      the weights of the views in which it shows the maps, (H, W). Pixels that show something else are 0 in images here.
-      The views are one view, moved by parts of a pixel. A weight is a number of any sign. References are made by it,
-      from 16 to 1024 renders each.
-    - `close()` is called by `mipbake fit` at the end.
+    The attribute `called`, where a renderer has it, is what provenance calls the renderer. The method `close`, where a
+    renderer has it, is called by `mipbake fit` at the end.
     """
 
     def render(self, levels: Levels, view: V_contra) -> Frame:

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,8 @@ _SAME = 0.25
 """dB by which scores of the same stack may differ in the same renderer, which may be a little noisy."""
 
 _ARRAYS = ("values", "best", "first", "second", "steps", "begun", "gains", "rates", "waited", "origins")
+_OF_MOMENTS = ("first", "second", "steps")
+_COUNTS = ("started", "step", "checked", "seconds")
 
 
 @dataclass(eq=False)
@@ -86,35 +89,19 @@ class Checkpoint:
         Raises:
             OutputError: the file cannot be written.
         """
-        about = {
-            "format": _FORMAT,
-            "key": self.key,
-            "started": state.started,
-            "step": state.step,
-            "checked": state.checked,
-            "seconds": state.seconds,
-        }
-        arrays = {
-            "about": np.frombuffer(json.dumps(about).encode(), np.uint8),
-            "values": state.values,
-            "best": state.best,
-            "first": state.moments.first,
-            "second": state.moments.second,
-            "steps": state.moments.steps,
-            "begun": state.begun,
-            "gains": state.gains,
-            "rates": state.rates,
-            "waited": state.waited,
-            "origins": state.origins,
-        }
+        about = {"format": _FORMAT, "key": self.key, **{name: getattr(state, name) for name in _COUNTS}}
+        arrays = {"about": np.frombuffer(json.dumps(about).encode(), np.uint8), **_arrays(state)}
         with writing(f"the checkpoint {self.path} cannot be written"):
             write_arrays(self.path, arrays)
 
-    def load(self) -> FitState | None:
-        """The state in the file; None where there is none.
+    def load(self, starts: Sequence[Array], levels: int) -> FitState | None:
+        """The state in the file, which is a state of this fit, whoever has changed the file; None where there is none.
+
+        Args:
+            starts: what the fit may start from. levels: of the stack.
 
         Raises:
-            InputError: a file that is broken, or of another fit.
+            InputError: a file that is broken, that was changed, or that is of another fit.
         """
         if not self.path.exists():
             return None
@@ -122,7 +109,7 @@ class Checkpoint:
             arrays = read_arrays(self.path, lambda _: None)
             about = json.loads(arrays["about"].tobytes())
             of = about["format"], about["key"]
-            values, best, first, second, steps, *levels = (arrays[name] for name in _ARRAYS)
+            values, best, first, second, steps, *rest = (arrays[name] for name in _ARRAYS)
         except DAMAGED as error:
             raise InputError(f"the checkpoint {self.path} cannot be read ({error}): delete it to begin anew") from error
         if of != (_FORMAT, self.key):
@@ -130,33 +117,14 @@ class Checkpoint:
                 f"the checkpoint {self.path} is of another fit (another stack, other views or settings): delete it, or "
                 "choose another file"
             )
-        begun, gains, rates, waited, origins = levels
-        told = {name: about[name] for name in ("started", "step", "checked", "seconds")}
-        return FitState(values, Moments(first, second, steps), best, begun, gains, rates, waited, origins, **told)
-
-    def load_fitting(self, starts: Sequence[Array], levels: int) -> FitState | None:
-        """`load`, and a check that what was read is a state of this fit, whoever has changed the file meanwhile.
-
-        Args:
-            starts: what the fit may start from. levels: of the stack.
-
-        Raises:
-            InputError: as `load`, or an array is not as it was written.
-        """
-        state = self.load()
-        if state is not None:
-            self._check_fits(state, starts, levels)
-        return state
-
-    def _check_fits(self, state: FitState, starts: Sequence[Array], levels: int) -> None:
+        told = {name: about[name] for name in _COUNTS}
+        begun, gains, rates, waited, origins = rest
+        state = FitState(values, Moments(first, second, steps), best, begun, gains, rates, waited, origins, **told)
         like = FitState.first(starts[0], np.zeros((levels, 1)), {}, np.zeros(levels, np.int64))
-        for name, found, expected in (
-            *((name, getattr(state, name), getattr(like, name)) for name in ("values", "best", "gains", "rates")),
-            *((name, getattr(state, name), getattr(like, name)) for name in ("waited", "origins")),
-            *((name, getattr(state.moments, name), getattr(like.moments, name)) for name in ("first", "second")),
-            ("steps", state.moments.steps, like.moments.steps),
-            ("begun", state.begun[:, :1] if state.begun.ndim == 2 else state.begun, like.begun),
-        ):
+        for name, expected in _arrays(like).items():
+            found = _arrays(state)[name]
+            if name == "begun" and found.ndim == 2:
+                found = found[:, :1]
             fits = found.shape == expected.shape and found.dtype == expected.dtype
             if not fits or (name != "begun" and not np.isfinite(found).all()):
                 held = f"{found.dtype} of {found.shape}" if not fits else "numbers that are not finite"
@@ -169,6 +137,7 @@ class Checkpoint:
         inside = ((state.origins >= 0) & (state.origins < len(starts))).all()
         if not (whole and scores and inside and isinstance(state.seconds, (int, float)) and state.seconds >= 0):
             raise InputError(f"the checkpoint {self.path} was changed: its counts fit no fit: delete it to begin anew")
+        return state
 
     def check_started(self, state: FitState, scores: Mapping[str, float]) -> None:
         """Checks that held-out views show the stack that the fit started from as they did then.
@@ -187,6 +156,10 @@ class Checkpoint:
                     f"{then:.1f} dB, and show it with {score:.1f} dB now, so the renderer, its shader, the views or "
                     "the references changed: delete it, or choose another file"
                 )
+
+
+def _arrays(state: FitState) -> dict[str, NDArray[Any]]:
+    return {name: getattr(state.moments if name in _OF_MOMENTS else state, name) for name in _ARRAYS}
 
 
 def check_checkpoint(path: Path) -> None:

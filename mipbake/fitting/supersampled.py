@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from mipbake.base.errors import UsageError
-from mipbake.fitting.frames import rendered, summed, with_cover
+from mipbake.fitting.frames import with_cover
 from mipbake.fitting.renderer import Array, Levels, Renderer
 from mipbake.material.pixel_filter import PixelFilter
 from mipbake.quality.reference.sequences import SEQUENCE
@@ -42,7 +41,7 @@ def supersampled(
 
     Raises:
         UsageError: a view that cannot be moved.
-        RendererError: as `rendered` raises it.
+        RendererError: as `with_cover` raises it.
     """
     moved = getattr(view, "moved", None)
     if moved is None:
@@ -52,42 +51,17 @@ def supersampled(
         )
     who = f"the reference of {named(view)}"
     shift = np.random.default_rng([seed, _number(named(view))]).random(2)
-    drawn = [kernel.offsets((shift + index * SEQUENCE) % 1.0) for index in range(passes)]
-    places = [moved(float(offset[0]), float(offset[1])) for offset, _ in drawn]
-    weights = [float(np.prod(sign)) for _, sign in drawn]
-    total: Any
-    if hasattr(renderer, "summed"):
-        total, counted = summed(renderer, source, places, weights, who, size)
-    else:
-        total, counted = _one_by_one(renderer, source, places, weights, who, whole, size)
-    weight: Any = sum(weights) if whole else counted[..., None]
-    # The weights of a signed filter may cancel where few samples show the maps.
-    return np.asarray(total / np.where(np.abs(weight) > _LEAST_WEIGHT, weight, np.inf), np.float32)
-
-
-def _one_by_one(
-    renderer: Renderer[Any],
-    source: Levels,
-    places: Sequence[Any],
-    weights: Sequence[float],
-    who: str,
-    whole: bool,
-    size: tuple[int, int] | None,
-) -> tuple[Any, Any]:
-    """(H, W, 3) sum of weights times renders; and (H, W) the sum of the weights that count in it."""
     total: Any = 0.0
     counted: Any = 0.0
-    for place, weight in zip(places, weights, strict=True):
-        if whole:
-            image = rendered(renderer, source, place, who, size)
-            counting: Any = np.full(image.shape[:2], weight)
-        else:
-            image, seen = with_cover(renderer.render(source, place), who, size)
-            counting = weight * seen
+    for index in range(passes):
+        offset, sign = kernel.offsets((shift + index * SEQUENCE) % 1.0)
+        image, seen = with_cover(renderer.render(source, moved(float(offset[0]), float(offset[1]))), who, size)
         size = image.shape[0], image.shape[1]
+        counting = float(np.prod(sign)) * (np.ones(size) if whole else seen)
         total = total + counting[..., None] * image.astype(np.float64)
         counted = counted + counting
-    return total, counted
+    # The weights of a signed filter may cancel where few samples show the maps.
+    return np.asarray(total / np.where(np.abs(counted) > _LEAST_WEIGHT, counted, np.inf)[..., None], np.float32)
 
 
 _LEAST_WEIGHT = 1e-3  # of all samples of a pixel that count

@@ -1,27 +1,37 @@
-"""three.js in headless Chromium as a renderer of `mipbake fit`: a shader that nobody would differentiate.
+"""The renderer `three`: three.js in headless Chromium, a shader that nobody would differentiate.
 
-three.js is not a part of mipbake: npm brings it. A page in `three_page` draws with it.
+three.js is not a part of mipbake: npm brings it. A page in `three_page` draws with it. The page asks a server in this
+process for jobs, and sends back what it drew, as plain bytes: `page.js` says how they are laid out. Only processes of
+this machine reach the server, and only who knows the address, which holds a secret.
 """
 
 from __future__ import annotations
 
-import math
+import json
+import queue
+import secrets
 import shutil
-import weakref
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import struct
+import subprocess
+import sys
+import threading
+from collections.abc import Mapping
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.base.errors import UsageError
+from mipbake.base.errors import RendererError, UsageError
 from mipbake.comparing.meshes.mesh import Mesh
-from mipbake.fitting.renderer import Array, Frame, Levels, Rectangle
-from mipbake.fitting.three_page import Page
+from mipbake.fitting.program import Frame, SharedMaps, serve
+from mipbake.fitting.protocol import view_of
+from mipbake.fitting.renderer import write_bytes
 from mipbake.fitting.views import View
 from mipbake.material import GLTF_MODELS
+from mipbake.material.pixel_filter import level_sizes
 
 THREE = "0.187.0"
 """The version of the npm package `three` that this was tried with."""
@@ -30,15 +40,31 @@ MATERIALS = ("physical", "cloth", "standard")
 """What the material has beside the maps. `physical`: clear coat over iridescence. `cloth`: sheen. `standard`: nothing.
 `three_page/scene.js` has the numbers."""
 
-SOFTWARE = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
-"""Flags of Chromium with which it draws on the processor: no GPU and no driver has a say in the picture."""
-
 _CHROMIUM = (
     "chromium",
     "chromium-browser",
     "google-chrome",
     "google-chrome-stable",
     "/Applications/Google Chrome.app/Contents/MacOS/Google Chrome",
+)
+_FLAGS = (
+    "--headless=new",
+    "--use-angle=swiftshader",  # on the processor: no GPU and no driver has a say in the picture
+    "--enable-unsafe-swiftshader",
+    "--no-sandbox",  # containers lack what the sandbox needs; the page holds nothing from elsewhere
+    "--disable-dev-shm-usage",  # containers have little of it
+    "--disable-gpu-watchdog",  # a picture may take longer than its patience; there is a limit here
+    "--disable-quic",
+    "--no-first-run",
+    "--no-default-browser-check",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-breakpad",
+    "--disable-extensions",
+    "--disable-sync",
+    "--no-proxy-server",
+    "--password-store=basic",
+    "--use-mock-keychain",
 )
 _ROLES: Mapping[str, Mapping[str, int]] = {
     "base_color": {"base_color": 0},
@@ -48,18 +74,9 @@ _ROLES: Mapping[str, Mapping[str, int]] = {
 }
 """Textures of three.js to the maps in them, each with its first channel there."""
 
-_KEPT = 2  # stacks whose textures the page keeps: the one that is fitted, and level 0 that references are made of
-
-_TOGETHER = 64  # renders that one request sums; what else a request costs is then little beside them. A guess
-
-
-@dataclass(eq=False)
-class _Set:
-    """Textures that the page keeps. stamps: of the tiles that it has; None where it has none."""
-
-    number: int
-    roles: list[str]
-    stamps: tuple[NDArray[np.int64], ...] | None = None
+_KINDS = {".html": "text/html; charset=utf-8", ".js": "text/javascript"}
+_IDLE_SECONDS = 20.0  # until the page asks again; a guess that is well below every limit of a browser
+_HEAD = 4  # bytes of the number before a header
 
 
 class ThreeRenderer:
@@ -69,51 +86,44 @@ class ThreeRenderer:
     colour of three's DirectionalLight at intensity 1: the irradiance of a surface that faces it. Both sides of a
     triangle are drawn, and lit.
 
-    It starts Chromium, and keeps it until `close` or the end of Python. A renderer that has raised a RendererError is
-    closed. One thread at a time may use it.
-
     Args:
-        three: the folder `build` of the npm package three. None: `node_modules/three/build` in the working folder, or
-            in the nearest folder above it that has it.
+        three: the folder `build` of the npm package three; empty to look for it.
         material: one of MATERIALS.
-        anisotropy: most samples that an anisotropic lookup takes; 1 is a trilinear lookup.
-        seconds: how long a render may take before Chromium is stopped.
-        chromium: the program. None: Chromium or Chrome, where the system finds programs.
-        flags: how Chromium draws. With () it takes a GPU where it finds one.
-
-    Raises:
-        UsageError: three.js or Chromium is missing, or a value is none of these.
-        RendererError: Chromium does not start, or three.js does not start in it.
     """
 
-    def __init__(
-        self,
-        three: Path | None = None,
-        material: str = "physical",
-        anisotropy: int = 1,
-        seconds: float = 60.0,
-        chromium: Path | None = None,
-        flags: Sequence[str] = SOFTWARE,
-    ) -> None:
-        if material not in MATERIALS:
-            raise UsageError(f"three.js has no material {material!r} here: expected one of {', '.join(MATERIALS)}")
-        if anisotropy < 1 or not 0 < seconds < math.inf:
-            raise UsageError(
-                f"a renderer with anisotropy {anisotropy} and a limit of {seconds} seconds: expected anisotropy from 1 "
-                "on, and a limit above 0"
-            )
-        self._material, self._anisotropy, self._seconds = material, anisotropy, seconds
-        self.called = f"three ({material})"
-        """What provenance calls it."""
-        self._sets: dict[Any, _Set] = {}
-        self._meshes: weakref.WeakKeyDictionary[Mesh, int] = weakref.WeakKeyDictionary()
-        self._where: weakref.WeakKeyDictionary[View, dict[Any, Array]] = weakref.WeakKeyDictionary()
-        self._count = 0
-        self._page = Page(three_folder(three), _program(chromium), flags)
-        self.gpu: str = self._page.described["gpu"]
-        """What WebGL says of the device that draws."""
+    def __init__(self, three: str, material: str) -> None:
+        self._three, self._material = three, material
+        self._jobs: queue.Queue[bytes] = queue.Queue()
+        self._results: queue.Queue[bytes | str] = queue.Queue()
+        self._meshes: dict[Mesh, int] = {}
+        self._set: tuple[object, int] = None, 0
+        self._where: dict[str, NDArray[np.float32]] = {}
+        self._chromium: subprocess.Popen[bytes] | None = None
 
-    def render(self, levels: Levels, view: View) -> Frame:
+    def start(self, folder: str) -> str:
+        """Starts Chromium, which keeps its files in a folder, and returns what this is called.
+
+        Raises:
+            UsageError: three.js or Chromium is missing, or there is no such material.
+            RendererError: Chromium does not start, or three.js does not start in it.
+        """
+        if self._material not in MATERIALS:
+            raise UsageError(f"three.js has no material {self._material!r} here: expected {', '.join(MATERIALS)}")
+        root = f"/{secrets.token_urlsafe()}/"
+        handler = type("Handler", (_Handler,), {"root": root, "three": three_folder(self._three), "owner": self})
+        server = ThreadingHTTPServer(("127.0.0.1", 0), handler)
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        address = f"http://127.0.0.1:{server.server_port}{root}page.html"
+        command = [_program(), *_FLAGS, f"--user-data-dir={folder}/profile", address]
+        try:
+            self._chromium = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=sys.stderr)
+        except OSError as error:
+            raise RendererError(f"{command[0]} does not start ({error}): expected Chromium") from error
+        threading.Thread(target=self._watch, args=[self._chromium], daemon=True).start()
+        self._answer()
+        return f"three ({self._material})"
+
+    def render(self, maps: SharedMaps, told: dict[str, Any]) -> Frame:
         """The frame of a view: `Frame` with `image`, `uv`, `lod` and `id`; 0 where no mesh is, and id is 1 where it is.
 
         The level of detail is the one that WebGL took, from 0 to the last level, because a texture whose levels hold
@@ -121,120 +131,147 @@ class ThreeRenderer:
         neighbours to the right and above. A footprint whose steps are not at right angles has a longer axis than that,
         so what mipbake itself looks up is up to half a level coarser.
 
-        What does not depend on texels is rendered once for each view object. uv and lod are the same arrays from one
-        call to the next, and cannot be written to.
-
         Raises:
             UsageError: a model that glTF does not have, or levels whose sizes do not halve.
-            RendererError: it took too long, the page failed, or the renderer is closed.
+            RendererError: the page failed.
         """
-        known = self._where.setdefault(view, {})
-        key = (tuple(levels.sizes), levels.wrap)
-        found = self._drawn(levels, view, key not in known)
-        if key not in known:
-            known[key] = _image(found["where"], view).copy()
-            known[key].flags.writeable = False
-        where = known[key]
-        return Frame(_rgb(found, view), where[..., :2], lod=where[..., 2], id=where[..., 3].astype(np.int32))
-
-    def image(self, levels: Levels, view: View) -> Array:
-        """(H, W, 3) float32, the image of `render` alone, rows from the top: samples of references need no more.
-
-        Raises:
-            UsageError, RendererError: as `render`.
-        """
-        return _rgb(self._drawn(levels, view, False), view)
-
-    def summed(self, levels: Levels, views: Sequence[View], weights: Sequence[float]) -> tuple[Array, Array]:
-        """A weighted sum of images: see `Renderer`. The page adds them up, in float32.
-
-        One request draws many of them, and one picture is read back for all.
-
-        Raises:
-            UsageError, RendererError: as `render`; it may take as long as so many renders.
-        """
-        total = np.zeros((*views[0].size, 4), np.float64)
-        for first in range(0, len(views), _TOGETHER):
-            some = views[first : first + _TOGETHER]
-            what = {
-                "projections": [_camera(view)["projection"] for view in some],
-                "weights": list(weights[first : first + _TOGETHER]),
-            }
-            total += _image(self._asked(levels, some[0], what, self._seconds * len(some))["sum"], some[0])
-        found = total.astype(np.float32)
-        return found[..., :3], found[..., 3]
-
-    def close(self) -> None:
-        """Ends Chromium. May be called again."""
-        self._page.close()
-
-    def __enter__(self) -> ThreeRenderer:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def _drawn(self, levels: Levels, view: View, where: bool) -> Mapping[str, NDArray[Any]]:
-        return self._asked(levels, view, {"where": where}, self._seconds)
-
-    def _asked(self, levels: Levels, view: View, what: Mapping[str, Any], seconds: float) -> Mapping[str, NDArray[Any]]:
-        """What the page makes of a view, in so many seconds at most; it gets what it does not have yet."""
-        kept = self._set(levels)
-        changed = [(level, part) for level, parts in enumerate(levels.changed(kept.stamps)) for part in parts]
+        view, sizes = view_of(told), maps.sizes
+        if maps.model not in GLTF_MODELS:
+            raise UsageError(f"the renderer three knows no model {maps.model!r}: expected {' or '.join(GLTF_MODELS)}")
+        if sizes != level_sizes(*sizes[0])[: len(sizes)]:
+            raise UsageError(f"levels measure {sizes}: expected each half of the one before")
+        roles = [role for role, own in _ROLES.items() if set(own) <= set(maps.maps)]
+        shape = maps.model, sizes, maps.wrap
+        if self._set[0] != shape:
+            self._set = shape, self._set[1] + 1
+        changed = [(level, *part) for level, parts in enumerate(maps.changed) for part in parts]
         arrays: dict[str, NDArray[Any]] = {
-            f"{role} {index}": _texels(levels, level, part, role)
-            for index, (level, part) in enumerate(changed)
-            for role in kept.roles
+            f"{role} {index}": _texels(maps, part, role) for index, part in enumerate(changed) for role in roles
         }
         if view.mesh not in self._meshes:
             arrays |= _geometry(view.mesh)
-            self._meshes[view.mesh] = self._numbered()
+            self._meshes[view.mesh] = len(self._meshes)
+        # Where pixels look up is the same whatever the texels are. Views that are moved for references come once.
+        key = str((told, shape))
+        where = self._where.get(key)
         header = {
             "size": view.size,
             "camera": _camera(view),
             "lights": np.concatenate([view.lighting.direction, view.lighting.radiance], -1).tolist(),
             "mesh": self._meshes[view.mesh],
             "meshes": list(self._meshes.values()),
-            "set": kept.number,
-            "sets": [each.number for each in self._sets.values()],
-            "sizes": levels.sizes,
-            "wrap": levels.wrap,
-            "roles": kept.roles,
-            "changed": [[level, *part] for level, part in changed],
+            "set": self._set[1],
+            "sets": [self._set[1]],
+            "sizes": sizes,
+            "wrap": maps.wrap,
+            "roles": roles,
+            "changed": changed,
             "material": self._material,
-            "anisotropy": self._anisotropy,
-            **what,
+            "anisotropy": 1,
+            "where": where is None,
         }
-        found = self._page.asked(header, arrays, seconds)
-        kept.stamps = levels.stamps
-        return found
+        self._jobs.put(_packed(header, arrays))
+        found = self._answer()
+        image, *rest = (values.reshape(*view.size, -1)[::-1] for values in found.values())  # rows from the top
+        if where is None:
+            [where] = rest
+            if view.offset == (0.0, 0.0):
+                self._where[key] = where
+        return Frame(image[..., :3], where[..., :2], lod=where[..., 2], id=where[..., 3])
 
-    def _set(self, levels: Levels) -> _Set:
-        """The textures that the page keeps for stacks of this shape. The oldest ones of other shapes make room."""
-        key = (levels.model, tuple(levels.sizes), levels.wrap)
-        kept = self._sets.pop(key, None)
-        if kept is None:
-            _check(levels)
-            roles = [role for role, maps in _ROLES.items() if set(maps) <= set(levels.maps)]
-            kept = _Set(self._numbered(), roles)
-        self._sets[key] = kept
-        while len(self._sets) > _KEPT:
-            del self._sets[next(iter(self._sets))]
-        return kept
+    def close(self) -> None:
+        """Ends Chromium."""
+        if self._chromium is not None:
+            self._chromium.kill()
+            self._chromium.wait()
 
-    def _numbered(self) -> int:
-        self._count += 1
-        return self._count
+    def next_job(self, result: bytes) -> bytes:
+        """Takes what came of a job, where it is not empty, and gives the next one; nothing where there is none yet."""
+        if result:
+            self._results.put(result)
+        try:
+            return self._jobs.get(timeout=_IDLE_SECONDS)
+        except queue.Empty:
+            return b""
+
+    def fail(self, sentence: str) -> None:
+        """Ends what waits for an answer."""
+        self._results.put(sentence)
+
+    def _watch(self, chromium: subprocess.Popen[bytes]) -> None:
+        self.fail(f"Chromium ended with status {chromium.wait()}")
+
+    def _answer(self) -> dict[str, NDArray[Any]]:
+        """Arrays of what the page sends."""
+        found = self._results.get()
+        if isinstance(found, str):
+            raise RendererError(found)
+        header, arrays = _unpacked(found)
+        if "error" in header:
+            raise RendererError(f"three.js could not render ({' '.join(header['error'].split())})")
+        return arrays
 
 
-def three_folder(three: Path | None = None) -> Path:
+class _Handler(BaseHTTPRequestHandler):
+    """Serves the page and three.js, and passes jobs and results on.
+
+    Args:
+        root: how all paths begin. three: the folder of three.js.
+    """
+
+    root: str
+    three: Path
+    owner: ThreeRenderer
+    protocol_version = "HTTP/1.1"
+    disable_nagle_algorithm = True  # else small answers wait for 40 ms
+
+    def do_GET(self) -> None:
+        """The page, its scripts, and three.js's."""
+        folder, _, name = self._asked_for().rpartition("/")
+        place = {"": files("mipbake.fitting") / "three_page", "three": self.three}.get(folder)
+        known = place is not None and Path(name).suffix in _KINDS and "\\" not in name
+        if place is None or not known or not (file := place / name).is_file():
+            self._send(404, b"")
+        else:
+            self._send(200, file.read_bytes(), _KINDS[Path(name).suffix])
+
+    def do_POST(self) -> None:
+        """`next` brings a result, if there is one, and gets a job; `told/error` and `told/note` bring words."""
+        body, path = self.rfile.read(int(self.headers.get("Content-Length", 0))), self._asked_for()
+        words = " ".join(body.decode("utf-8", "replace").split()) if path.startswith("told/") else ""
+        if path == "next":
+            self._send(200, self.owner.next_job(body))
+        elif path == "told/error":
+            self.owner.fail(f"the page of three.js failed ({words})")
+            self._send(200, b"")
+        elif path == "told/note":
+            print(words, file=sys.stderr, flush=True)
+            self._send(200, b"")
+        else:
+            self._send(404, b"")
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Nobody reads it."""
+
+    def _asked_for(self) -> str:
+        return self.path[len(self.root) :] if self.path.startswith(self.root) else "no such file"
+
+    def _send(self, status: int, body: bytes, kind: str = "application/octet-stream") -> None:
+        self.send_response(status)
+        for name, value in (("Content-Type", kind), ("Content-Length", len(body)), ("Cache-Control", "no-store")):
+            self.send_header(name, str(value))
+        self.end_headers()
+        self.wfile.write(body)
+
+
+def three_folder(three: str = "") -> Path:
     """The folder `build` of the npm package three: the one that is given, or the nearest from the working folder up.
 
     Raises:
         UsageError: it holds no three.module.js, or there is none.
     """
     here = Path.cwd()
-    places = [three] if three else [folder / "node_modules/three/build" for folder in (here, *here.parents)]
+    places = [Path(three)] if three else [folder / "node_modules/three/build" for folder in (here, *here.parents)]
     for place in places:
         if (place / "three.module.js").is_file():
             return place.resolve()
@@ -244,24 +281,15 @@ def three_folder(three: Path | None = None) -> Path:
     )
 
 
-def _program(chromium: Path | None) -> str:
-    for name in (str(chromium),) if chromium else _CHROMIUM:
+def _program() -> str:
+    for name in _CHROMIUM:
         found = shutil.which(name)
         if found:
             return found
     raise UsageError(
-        f"three.js runs in Chromium, and {chromium or 'none of ' + ', '.join(_CHROMIUM)} is a program here: install "
-        "Chromium or Chrome (on Debian: apt-get install chromium), or name its program"
+        f"three.js runs in Chromium, and none of {', '.join(_CHROMIUM)} is a program here: install Chromium or Chrome "
+        "(on Debian: apt-get install chromium)"
     )
-
-
-def _check(levels: Levels) -> None:
-    if levels.model not in GLTF_MODELS:
-        raise UsageError(f"the renderer three knows no model {levels.model!r}: expected {' or '.join(GLTF_MODELS)}")
-    height, width = levels.sizes[0]
-    wanted = [(max(1, height >> level), max(1, width >> level)) for level in range(len(levels.sizes))]
-    if levels.sizes != wanted:
-        raise UsageError(f"levels measure {levels.sizes}: expected {wanted}, each half of the one before")
 
 
 def _geometry(mesh: Mesh) -> dict[str, NDArray[Any]]:
@@ -278,21 +306,36 @@ def _camera(view: View) -> dict[str, list[float]]:
     return {"view": eye.T.ravel().tolist(), "projection": projection.T.ravel().tolist()}
 
 
-def _texels(levels: Levels, level: int, part: Rectangle, role: str) -> NDArray[np.uint8]:
-    """(H, W, 4) bytes of a part of a level of a texture: what files of 8 bits hold."""
-    texels = np.full((part.height, part.width, 4), 255, np.uint8)
+def _texels(maps: SharedMaps, part: tuple[int, int, int, int, int], role: str) -> NDArray[np.uint8]:
+    """(H, W, 4) bytes of a part (level, row, column, height, width) of a texture: what files of 8 bits hold."""
+    level, row, column, height, width = part
+    texels = np.full((height, width, 4), 255, np.uint8)
     for name, first in _ROLES[role].items():
-        values = np.asarray(part.of(levels.maps[name][level]), np.float32)
-        for channel in range(values.shape[-1]):  # at a time, which NumPy is quicker at than at short vectors
-            scaled = values[..., channel] * np.float32(255) + np.float32(0.5)
-            texels[..., first + channel] = np.clip(scaled, 0, 255, out=scaled)  # the integer below
+        write_bytes(texels[..., first:], maps.maps[name][level][row : row + height, column : column + width])
     return texels
 
 
-def _rgb(found: Mapping[str, NDArray[Any]], view: View) -> Array:
-    return np.asarray(_image(found["image"], view)[..., :3].copy(), np.float32)
+def _packed(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> bytes:
+    listed = [(name, str(values.dtype), values.size) for name, values in arrays.items()]
+    text = json.dumps({**header, "arrays": listed}).encode()
+    text += b" " * (-(_HEAD + len(text)) % 8)
+    return b"".join([struct.pack("<I", len(text)), text, *(np.ascontiguousarray(v).data for v in arrays.values())])
 
 
-def _image(values: NDArray[Any], view: View) -> NDArray[Any]:
-    """(H, W, channels), rows from the top."""
-    return values.reshape(*view.size, -1)[::-1]
+def _unpacked(body: bytes) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    (length,) = struct.unpack_from("<I", body)
+    header = json.loads(body[_HEAD : _HEAD + length])
+    arrays, at = {}, _HEAD + length
+    for name, kind, count in header["arrays"]:
+        arrays[name] = np.frombuffer(body, kind, count, at)
+        at += arrays[name].nbytes
+    return header, arrays
+
+
+def main() -> None:
+    """The program: its arguments are the folder of three.js, or nothing, and the material."""
+    renderer = ThreeRenderer(*sys.argv[1:])
+    try:
+        serve(renderer.render, renderer.start)
+    finally:
+        renderer.close()

@@ -2,7 +2,7 @@
 //
 // Bodies are, in both directions: the length of a header in bytes (uint32), the header in JSON with blanks behind it, and arrays. The
 // first number and the header together have a length that 8 divides. A header's `arrays` lists name, type and length.
-import { describe, frame, sum } from './scene.js';
+import { describe, frame } from './scene.js';
 
 const TYPES = { float32: Float32Array, uint32: Uint32Array, uint8: Uint8Array };
 
@@ -31,7 +31,7 @@ function packed(header, arrays) {
 function done(body) {
   const [header, arrays] = unpacked(body);
   try {
-    return packed({ job: header.job }, (header.weights ? sum : frame)(header, arrays));
+    return packed({ job: header.job }, frame(header, arrays));
   } catch (error) {
     return packed({ job: header.job, error: String(error) }, {});
   }

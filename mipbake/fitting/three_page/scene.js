@@ -32,7 +32,6 @@ const sets = new Map(); // textures with a material, by their numbers
 const lights = [];
 const at = new THREE.Vector2();
 let target = null;
-let totals = [null, null]; // a sum, and what it was before
 
 const where = new THREE.ShaderMaterial({
   glslVersion: THREE.GLSL3,
@@ -55,29 +54,6 @@ const where = new THREE.ShaderMaterial({
     }`,
 });
 
-// Adds a picture to a sum, from one target to another: not every GPU can blend floats.
-const adding = new THREE.ShaderMaterial({
-  glslVersion: THREE.GLSL3,
-  depthTest: false,
-  depthWrite: false,
-  blending: THREE.NoBlending,
-  uniforms: { before: { value: null }, picture: { value: null }, weight: { value: 0 } },
-  vertexShader: 'void main() { gl_Position = vec4(position, 1.0); }',
-  fragmentShader: `
-    uniform highp sampler2D before, picture;
-    uniform float weight;
-    out vec4 sum;
-    void main() {
-      ivec2 at = ivec2(gl_FragCoord.xy);
-      sum = texelFetch(before, at, 0) + weight * texelFetch(picture, at, 0);
-    }`,
-});
-const screen = new THREE.Scene();
-const corners = new THREE.BufferAttribute(new Float32Array([-1, -1, 0, 3, -1, 0, -1, 3, 0]), 3);
-const covering = new THREE.Mesh(new THREE.BufferGeometry().setAttribute('position', corners), adding);
-covering.frustumCulled = false;
-screen.add(covering);
-
 export function describe() {
   const info = gl.getExtension('WEBGL_debug_renderer_info');
   return { three: THREE.REVISION, gpu: gl.getParameter(info ? info.UNMASKED_RENDERER_WEBGL : gl.RENDERER) };
@@ -92,24 +68,6 @@ export function frame(header, arrays) {
     found.where = drawn(bare, where, header.camera, header.size);
   }
   return found;
-}
-
-// `sum`: RGB the sum of weights times pictures, A the sum of weights where the mesh is. Bottom row first.
-export function sum(header, arrays) {
-  const set = arranged(header, arrays);
-  totals = totals.map((each) => sized(each, header.size));
-  renderer.setRenderTarget(totals[0]);
-  renderer.clear();
-  header.projections.forEach((projection, index) => {
-    draw(lit, set.material, { view: header.camera.view, projection }, header.size);
-    adding.uniforms.before.value = totals[0].texture;
-    adding.uniforms.picture.value = target.texture;
-    adding.uniforms.weight.value = header.weights[index];
-    totals.reverse();
-    renderer.setRenderTarget(totals[0]);
-    renderer.render(screen, camera);
-  });
-  return { sum: pixels(totals[0]) };
 }
 
 // Lays out what a job names: mesh, lights, textures. What comes with the job is kept; what it does not name is dropped.
