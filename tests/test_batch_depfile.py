@@ -181,7 +181,7 @@ def test_weights_are_part_of_the_rule(tmp_path: Path, monkeypatch: pytest.Monkey
     for name in ("a", "b"):
         write_set(tmp_path / "lib" / name)
     rules = (
-        '[[sets]]\nmatch = "a"\nmethod = "neural"\nweights = "mipbake-1"\n[[sets]]\nmatch = "b"\nmethod = "linear"\n'
+        '[[sets]]\nmatch = "a"\nmethod = "neural"\nweights = "mipbake-3"\n[[sets]]\nmatch = "b"\nmethod = "linear"\n'
     )
     (tmp_path / "mipbake.toml").write_text(f'library = "lib"\nout = "out"\n{rules}')
 
@@ -191,7 +191,7 @@ def test_weights_are_part_of_the_rule(tmp_path: Path, monkeypatch: pytest.Monkey
         return [each for each in found if each.endswith(".safetensors")]
 
     weights = [info.tensors for info in list_weights()]
-    assert named("--config", "mipbake.toml") == [str(WEIGHTS_FOLDER / "mipbake-1.safetensors")]
+    assert named("--config", "mipbake.toml") == [str(WEIGHTS_FOLDER / "mipbake-3.safetensors")]
     assert named("lib/b", "-o", "other", "--method", "linear") == []
     of_network = named("lib/b", "-o", "other", "--method", "neural")
     assert 1 < len(of_network) < len(weights) and all(Path(each) in weights for each in of_network)

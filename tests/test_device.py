@@ -199,7 +199,7 @@ def any_device(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.long
 @pytest.mark.usefixtures("any_device")
-@pytest.mark.parametrize("weights", [None, "mipbake-1-anisotropic"])
+@pytest.mark.parametrize("weights", [None, "mipbake-3-anisotropic"])
 def test_the_method_bakes_where_it_is_told_to(weights: str | None) -> None:
     method = Neural(weights, device="meta")
     target = method.weights("gltf-anisotropic" if weights else "gltf", "gaussian").targets[0]

@@ -169,5 +169,5 @@ def test_weights_that_are_found_bake(source: str, target: str) -> None:
 
 
 def test_named_weights_that_lose_what_a_source_says_are_refused() -> None:
-    with pytest.raises(UsageError, match="mipbake-1-anisotropic read gltf"):
-        Neural("mipbake-1-anisotropic").weights("gltf-anisotropic", "gaussian", "gltf-anisotropic")
+    with pytest.raises(UsageError, match="mipbake-3-anisotropic read gltf"):
+        Neural("mipbake-3-anisotropic").weights("gltf-anisotropic", "gaussian", "gltf-anisotropic")

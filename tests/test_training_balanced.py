@@ -257,7 +257,16 @@ def test_a_training_starts_from_another_ones_weights(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["mipbake-1", "mipbake-1-anisotropic", "mipbake-1-beckmann", "mipbake-1-ggx", "mipbake-2", "mipbake-3"]
+    "name",
+    [
+        "mipbake-1",
+        "mipbake-1-anisotropic",
+        "mipbake-1-beckmann",
+        "mipbake-1-ggx",
+        "mipbake-2",
+        "mipbake-3",
+        "mipbake-3-ggx",
+    ],
 )
 def test_the_configuration_lists_every_field(name: str) -> None:
     path = Path(mipbake.training.__file__).parent / "configs" / f"{name}.toml"
