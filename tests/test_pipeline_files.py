@@ -99,7 +99,7 @@ def commands(text: str) -> list[str]:
 
 
 def test_hooks_and_the_action_call_what_there_is(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["bake", "--help"]) == 0
+    assert main(["bake", "--help-all"]) == 0
     offered = set(re.findall(r"--[a-z0-9-]+", capsys.readouterr().out))
     files = (ROOT / ".pre-commit-hooks.yaml", EXAMPLES / "action.yml", EXAMPLES / "Dockerfile")
     found = [command for file in files for command in commands(file.read_text(encoding="utf-8"))]
