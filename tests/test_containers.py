@@ -216,7 +216,7 @@ def test_every_container_says_how_it_was_made(tmp_path, fmt: str) -> None:
     maps = read_output(tmp_path / "s", 0)
     first = {file.container.files(file.layout, len(file.levels))[0] for file in maps}
     told = {"set": "sample", "model": "gltf", "method": "linear", "pixel_filter": "gaussian", "version": "0"}
-    assert format_named(fmt).tells == (not fmt.startswith("dds"))
+    assert format_named(fmt).tells or fmt.startswith("dds")
     for path in files[1:]:
         about = file_info(path).about
         wanted = told if format_named(fmt).tells and path.name in first else {}

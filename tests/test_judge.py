@@ -10,6 +10,7 @@ import pytest
 from mipbake.quality.judging.judge import Baseline, Judge
 from mipbake.quality.judging.probes import ProbeEffort
 from mipbake.quality.judging.scores import Errors, Score, Scores
+from mipbake.quality.judging.shown import KINDS_SHOWN
 from mipbake.quality.judging.terms import PICTURES, TERMS, Weight
 from mipbake.quality.judging.weights import Weights, weights_for
 from mipbake.quality.metrics.pairs import PAIR_SETS
@@ -73,6 +74,7 @@ def test_every_row_of_a_score_is_read_by_a_term_and_by_one_alone() -> None:
     score = score_of(0)
     rows = [(name, row) for name in ("log_errors", "pooled", "visible") for row in range(len(getattr(score, name)))]
     assert [(term.array, term.row) for term in TERMS.values()] == rows
+    assert len(PICTURES) == KINDS_SHOWN
     means = [getattr(score, name)[row].mean() for name, row in rows]
     np.testing.assert_array_equal(score.terms, means)
     behind = judge_of(score).behind(score_of(0, 0.2), 0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 from mipbake.baking.adjust import Adjustments
 from mipbake.baking.bake import AUTO_TARGET, Recipe
@@ -97,7 +97,7 @@ class BakeOptions(Recipe):
                 outputs = (*outputs, Output(FORMAT, SEPARATE))
         if self.max_level is not None and self.max_level < 0:
             raise UsageError(f"max_level is {self.max_level}: expected 0 or more")
-        adjustments = Adjustments(self.keep_level0, self.strength, self.min_roughness)
+        adjustments = Adjustments(**{each.name: getattr(self, each.name) for each in fields(Adjustments)})
         for_gltf = target in (AUTO_TARGET, *GLTF_MODELS)
         # A glTF source becomes a GLB unless something is asked for that only files of maps can be.
         as_maps = self.sidecar or self.format or self.packing or self.write_normals or not for_gltf

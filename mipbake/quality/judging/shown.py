@@ -22,10 +22,10 @@ from mipbake.quality.small_pictures import SLANTS, SmallPictures, draw_slants, d
 Array = NDArray[np.float64]
 
 KINDS_SHOWN = len(SLANTS)
-"""Kinds of pictures, as `weights.SEEN` names them."""
+"""Kinds of pictures: as many as there are terms of `VISIBLE` (terms.py), in their order."""
 
 _ROOMS = "studio", "sky", "lamps"  # that pictures are in by turns
-_FEWEST = 8  # pictures of a level of detail
+_FEWEST = 4 * KINDS_SHOWN  # pictures of a level of detail
 _MOST_SAMPLES = 16  # of a pixel
 _MAGNIFIED = 0.7  # levels of detail below 0 that count for level 0
 

@@ -1,8 +1,8 @@
 """The terms of the judge: what errors it counts, where a score has them, and what they weigh.
 
 A term reads one row of an array of a `Score`. Its value is the mean of the row, which is the logarithm of an error
-relative to the signal. A new term is an entry of TERMS. Where a score has no such row yet, `Score` gets one, and
-`Slopes` (judge.py) what hangs on it.
+relative to the signal. Every row has its term, so a new term is an entry of TERMS and a new row: one more kind of small
+picture, or a new array of `Score` and of `Slopes` (judge.py).
 """
 
 from __future__ import annotations
