@@ -54,11 +54,11 @@ FAILURES = {
     "another answer": ("hello(); asked(); answer({'answer': 'banana'}); asked()", "gave the answer 'banana': expected"),
     "no answer": ("hello(); asked(); answer({}); asked()", 'gave the answer None: expected "frame"'),
     "garbage": (
-        "hello(); asked(); print('{\"mipbake\": 2,'); asked()",
+        "hello(); asked(); print('{\"mipbake\": 2,', flush=True); asked()",
         "the answer of the renderer cannot be read .Expect",
     ),
     "a number that JSON lacks": (
-        'hello(); asked(); print(\'{"mipbake": 2, "id": NaN}\'); asked()',
+        'hello(); asked(); print(\'{"mipbake": 2, "id": NaN}\', flush=True); asked()',
         "cannot be read .NaN is not a number in JSON.: expected one JSON object on a line, and finite numbers",
     ),
     "a frame cut short": (

@@ -348,6 +348,6 @@ def _set(program: Any, name: str, value: Any) -> None:
 
 
 def main() -> None:
-    """The program: its argument is the shader."""
-    renderer = GlRenderer(sys.argv[1])
+    """The program: its argument is the shader, the first of SHADERS without one."""
+    renderer = GlRenderer(sys.argv[1] if sys.argv[1:] else SHADERS[0])
     serve(renderer.render, renderer.start)

@@ -93,7 +93,7 @@ class RendererChoice:
     def _shipped(self) -> list[str]:
         """The command of a renderer that comes with mipbake. It finds modules where this process does."""
         if self.renderer == "gl":
-            arguments = [self.shader or "gltf"]
+            arguments = [self.shader] if self.shader else []
         else:
             arguments = [str(self.three or ""), self.shader or "physical"]
         start = f"import sys; sys.path[:] = {sys.path!r}; from mipbake.fitting.{self.renderer} import main; main()"
