@@ -39,7 +39,6 @@ from mipbake.quality.figures import SCALES
 from mipbake.quality.metrics import MEASURES, PAIR_SETS
 from mipbake.quality.samplers import RENDER_SAMPLERS, render_sampler
 from mipbake.quality.texture_space import DEFAULT_POINTS, DEFAULT_SAMPLES, DEFAULT_SEED
-from mipbake.source.found import set_report
 from mipbake.source.jobs import Job
 from mipbake.source.options import LoadOptions
 from mipbake.source.texture_set import TextureSet
@@ -186,7 +185,7 @@ def compare(
         with timings(session, texture_set.name) as progress, temporary_folder() as kept:
             renders = kept if flags.keep_renders else None
             found = compare_methods(texture_set, flags.subjects(stack, known), settings, conditions, renders, progress)
-            comparison = replace(found.comparison, source=plain(set_report(texture_set, job)))
+            comparison = replace(found.comparison, source=plain(job.named(texture_set.found)))
             source = Source(texture_set.material(texture_set.source_model), texture_set.source_model, texture_set.wrap)
             files = write_report(comparison, found.stacks, source, place, progress, renders)
         outcomes = [condition.check(comparison) for condition in conditions]

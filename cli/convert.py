@@ -35,10 +35,9 @@ from mipbake.cli.session import Session, timings
 from mipbake.cli.sources import Sources
 from mipbake.cli.tables import description, remarks_of
 from mipbake.material import model_named
-from mipbake.source.found import file_hashes, set_report
 from mipbake.source.inputs import expand
 from mipbake.source.intake import jobs
-from mipbake.source.jobs import Failure, Job, SetFiles
+from mipbake.source.jobs import Failure, Job
 from mipbake.source.options import LoadOptions
 from mipbake.source.texture_set import TextureSet
 from mipbake.stack.containers import DEFAULT_FORMAT, IMAGE_FORMATS
@@ -114,8 +113,8 @@ def convert(
             if isinstance(job, Failure):
                 attempt(job.source, partial(_raise, job.error))
                 continue
-            for tile, part in job.parts.items():
-                attempt(job.source, partial(_convert_set, session, job, tile, part, out, write))
+            for tile in job.parts:
+                attempt(job.source, partial(_convert_set, session, job, tile, out, write))
     if len(results) > 1:
         session.print(f"{sum(r['ok'] for r in results)} of {len(results)} sets converted")
     session.dump({"version": mipbake.__version__, "exit_code": session.exit_code, "results": results})
@@ -157,18 +156,18 @@ def _convert_material(session: Session, source: Path, out: Path, load: LoadOptio
     return {**write(given, place, reading), "set": read}
 
 
-def _convert_set(session: Session, job: Job, tile: int, part: SetFiles, out: Path, write: _Write) -> dict[str, Any]:
+def _convert_set(session: Session, job: Job, tile: int, out: Path, write: _Write) -> dict[str, Any]:
     """Converts a texture set, or a tile, prints what happened, and returns it for JSON."""
     place = out / job.place / job.names[tile]
     with job.naming():
-        check_material_output(place, file_hashes(part.find()))
+        check_material_output(place, job.find(tile).hashes)
         with timings(session, place.name) as reading:
             reading("read", 0.0)
             given = job.read_tile(tile)
             reading("read", 1.0)
-        check_material_output(place, file_hashes(given))
+        check_material_output(place, given.found.hashes)
         session.print(*description(job, given), *remarks_of(job))
-        return {**write(given, place, reading), "set": set_report(given, job)}
+        return {**write(given, place, reading), "set": job.named(given.found)}
 
 
 def _write(

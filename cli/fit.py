@@ -27,7 +27,6 @@ from mipbake.fitting.loop import MOST, check_count
 from mipbake.fitting.named import RENDERERS, RendererChoice
 from mipbake.fitting.prepared import TEXELS
 from mipbake.fitting.state import check_checkpoint
-from mipbake.source.found import file_hashes
 from mipbake.source.jobs import Job
 from mipbake.source.options import LoadOptions
 from mipbake.source.texture_set import TextureSet
@@ -175,7 +174,7 @@ def fit(
     def act(job: Job, texture_set: TextureSet, alone: bool) -> dict[str, Any]:
         place = out / job.place / texture_set.name
         kept = place.with_name(place.name + ".fit")
-        check_output(place, file_hashes(texture_set))
+        check_output(place, texture_set.found.hashes)
         check_checkpoint(kept)
         with timings(session, texture_set.name) as phases:
             session.print(*description(job, texture_set))

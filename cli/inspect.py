@@ -17,14 +17,13 @@ from mipbake.cli.batch_options import CONFIG_OTHERWISE, BatchFlags, with_project
 from mipbake.cli.session import Session
 from mipbake.cli.sources import SourcesOrProject, over_sets
 from mipbake.cli.tables import description, remarks_of, table
-from mipbake.source.found import set_report
 from mipbake.source.jobs import Job
 from mipbake.source.layout import PROJECT
 from mipbake.source.options import LoadOptions
 from mipbake.source.texture_set import TextureSet
 
 
-@partial(options.reads_sets, without=("alpha_cutoff", "normal_length", "wrap_u", "wrap_v"))
+@partial(options.reads_sets, without=("alpha_cutoff", "wrap_u", "wrap_v"))
 def inspect(
     sources: SourcesOrProject = None,
     config: Annotated[
@@ -53,7 +52,7 @@ def inspect(
 
     def show(job: Job, found: TextureSet, _alone: bool) -> dict[str, Any]:
         session.print(*description(job, found), *remarks_of(job))
-        return vars(set_report(found, job))
+        return vars(job.named(found.found))
 
     results = over_sets(session, sources, load, show)
     session.dump({"version": mipbake.__version__, "exit_code": session.exit_code, "results": results})

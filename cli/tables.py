@@ -6,9 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mipbake.source.found import sources_of
 from mipbake.source.jobs import Job
-from mipbake.source.sources import DECISIONS, Discovery, MapSource
+from mipbake.source.sources import DECISIONS, Found, MapSource
 from mipbake.source.texture_set import TextureSet
 
 if TYPE_CHECKING:
@@ -41,8 +40,8 @@ def description(job: Job, found: TextureSet) -> list[str | Table]:
     """What a texture set is and what was found in it, to be printed."""
     return [
         f"{job.source}: {found.name}, {found.width} x {found.height}",
-        map_table(sources_of(found)),
-        *remarks(found),
+        map_table(found.found.maps),
+        *remarks(found.found),
     ]
 
 
@@ -51,9 +50,9 @@ def remarks_of(job: Job) -> list[str]:
     return [*(f"note: {note}" for note in job.notes), *(f"warning: {warning}" for warning in job.warnings)]
 
 
-def remarks(found: Discovery | TextureSet) -> list[str]:
+def remarks(found: Found) -> list[str]:
     """What was assumed, what to look at, and what was left out, one line each."""
-    convention = found.convention
+    convention = found.normal_convention
     decision = DECISIONS[convention.decided_by]
     lines = [f"normal convention: {convention.name}, {decision} (confidence {convention.confidence:.2f})"]
     lines += [f"note: {note}" for note in found.notes]

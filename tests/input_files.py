@@ -8,6 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from mipbake.source.intake import jobs
+from mipbake.source.jobs import Failure
+from mipbake.source.options import LoadOptions
+from mipbake.source.sources import Found
+
 
 def write_image(path: Path, pixels: Any, depth: str | None = None, **attributes: Any) -> Path:
     """Writes (H, W) or (H, W, C) through OpenImageIO in the type `depth` (default: the array's); alpha as it is."""
@@ -74,3 +79,11 @@ def plain_set(folder: Path, **others: str | np.ndarray) -> Path:
     """A complete set in plain words; `others` adds or replaces maps by file stem."""
     stems = {"base_color": "base_color", "normal_gl": "normal", "roughness": "roughness"} | others
     return write_set(folder, {f"{stem}.png": what for stem, what in stems.items()})
+
+
+def find(source: Path, **options: Any) -> Found:
+    """What is found of the only set of a source, its headers alone."""
+    (job,) = jobs([str(source)], LoadOptions(**options), Path("scratch"))
+    if isinstance(job, Failure):
+        raise job.error
+    return job.found()[0]

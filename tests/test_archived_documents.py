@@ -13,7 +13,7 @@ import pytest
 import mipbake
 from mipbake.base.errors import InputError
 from mipbake.cli.main import main
-from mipbake.source.archives import Limits
+from mipbake.source import archives
 from mipbake.source.gltf.images import image_files
 from mipbake.source.intake import jobs
 from mipbake.source.jobs import Failure, Job
@@ -143,10 +143,13 @@ def test_material_documents_that_look_out_of_their_archive_are_refused(
 
 
 @pytest.mark.long
-def test_what_lies_beside_a_document_counts_as_unpacked(scene: Path, tmp_path: Path) -> None:
+def test_what_lies_beside_a_document_counts_as_unpacked(
+    scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(archives, "SURELY_FINE", 1 << 20)
     (scene / "the buffer.bin").write_bytes(bytes(1 << 28))
     archive = zipped(tmp_path / "scene.zip", scene)
-    (failure,) = jobs([str(archive)], LoadOptions(), tmp_path / "scratch", Limits(surely_fine=1 << 20))
+    (failure,) = jobs([str(archive)], LoadOptions(), tmp_path / "scratch")
     assert isinstance(failure, Failure) and "so it is not unpacked" in str(failure.error)
 
 
@@ -172,7 +175,7 @@ def test_documents_find_their_files_again_once_other_archives_took_the_room(tmp_
         (tmp_path / name).mkdir()
         two_textures(png("normal a"), png("mr")).write(tmp_path / name / name, "external")
         zipped(tmp_path / f"{name}.zip", tmp_path / name)
-    found = jobs([str(tmp_path / "*.zip")], LoadOptions(), tmp_path / "scratch", Limits(kept=1))
+    found = jobs([str(tmp_path / "*.zip")], LoadOptions(), tmp_path / "scratch")
     assert [images_there(job) for job in (*found, *found)] == [[True, True]] * 4
 
 

@@ -179,7 +179,7 @@ def test_help_lists_what_the_library_has(capsys, monkeypatch):
         assert main([command, "--help-all"]) == 0
         text = capsys.readouterr().out
         assert all(option in text for option in ("--map", "--normal-convention", "--gloss", "--colour-space", "--json"))
-        for option in ("--wrap-u", "--wrap-v", "--normal-length"):  # they change nothing that inspect tells
+        for option in ("--wrap-u", "--wrap-v"):  # they change nothing that inspect tells
             assert (option in text) == (command == "validate")
     assert main([]) == 0
     assert "Exit codes" in capsys.readouterr().out

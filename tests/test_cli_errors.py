@@ -134,7 +134,6 @@ def test_unknown_names_exit_2_and_list_the_valid_ones(folder, tmp_path, capsys, 
         (["validate", "x", "y", "--lods", "0;1"], "separated by commas"),
         (["validate", "x", "y", "--wrap-u", "mirror"], "wrap, clamp"),
         (["inspect", "x", "--normal-convention", "vulkan"], "opengl, directx"),
-        (["validate", "x", "y", "--normal-length", "shorten"], "ignore, roughness"),
         (["bake", "x", "-o", "y", "--target", "ggx", "--format", "png"], "log_roughness"),
     ],
 )

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import mipbake
 from mipbake.base.errors import InputError, UsageError
-from mipbake.source.discover import find
 from mipbake.source.names import classify, interpretations
-from mipbake.source.options import CARRIED, ROLES, LoadOptions
+from mipbake.source.options import CARRIED, ROLES
 
-from .input_files import encoded, height_field, pixels_for, plain_set, write_image, write_set
+from .input_files import encoded, find, height_field, pixels_for, plain_set, write_image, write_set
 
 # Provider: file name to pixels and role:channels, with - where they are inverted.
 Files = dict[str, tuple[str, str]]
@@ -135,10 +135,10 @@ PROVIDERS: dict[str, Files] = {
 def test_every_file_of_a_provider_fills_its_roles(provider: str, tmp_path: Path) -> None:
     files = PROVIDERS[provider]
     write_set(tmp_path, {name: pixels for name, (pixels, _) in files.items()})
-    found = find(tmp_path, LoadOptions())
+    found = find(tmp_path)
     filled = [(name, *how.split(":")) for name, (_, roles) in files.items() for how in roles.split()]
     expected = {role: (name, letters.removesuffix("-"), letters.endswith("-")) for name, role, letters in filled}
-    actual = {r: (s.path.name, s.channels, s.inverted) for r, s in found.sources.items() if s.path is not None}
+    actual = {r: (s.path.name, s.channels, s.inverted) for r, s in found.maps.items() if s.path is not None}
     carried = {r: actual.pop(r) for r in list(actual) if r.startswith(CARRIED)}
     assert actual == expected
     for name, letter, _ in carried.values():  # beside channels that have a role, and none of those
@@ -208,8 +208,8 @@ def test_a_preview_named_like_the_set_is_no_map(tmp_path: Path) -> None:
     names = {"brushed_metal_color.png": "base_color", "brushed_metal_normal_gl.png": "normal"}
     write_set(tmp_path, names | {"brushed_metal_rough.png": "roughness", "brushed_metal.png": "base_color"})
     (tmp_path / "brushed_metal.usdc").write_bytes(b"PXR-USDC")
-    found = find(tmp_path, LoadOptions())
-    assert found.sources["metallic"].path is None
+    found = find(tmp_path)
+    assert found.maps["metallic"].path is None
     reasons = {i.path.name: i.reason for i in found.ignored}
     assert "preview" in reasons["brushed_metal.png"]
     assert reasons["brushed_metal.usdc"] == "not an image"
@@ -218,45 +218,45 @@ def test_a_preview_named_like_the_set_is_no_map(tmp_path: Path) -> None:
 def test_hidden_files_are_not_even_listed(tmp_path: Path) -> None:
     plain_set(tmp_path)
     (tmp_path / "._normal_gl.png").write_bytes(b"resource fork")
-    assert find(tmp_path, LoadOptions()).ignored == ()
+    assert find(tmp_path).ignored == ()
 
 
 def test_the_textures_folder_inside_is_read(tmp_path: Path) -> None:
     plain_set(tmp_path / "old wall!" / "textures")
     (tmp_path / "old wall!" / "old_wall.blend").write_bytes(b"BLENDER")
-    found = find(tmp_path / "old wall!", LoadOptions())
+    found = find(tmp_path / "old wall!")
     assert found.name == "old_wall"
-    assert found.sources["normal"].path == tmp_path / "old wall!" / "textures" / "normal_gl.png"
+    assert found.maps["normal"].path == tmp_path / "old wall!" / "textures" / "normal_gl.png"
 
 
 def test_names_keep_the_letters_of_every_script(tmp_path: Path) -> None:
     names = {"石": "石", "木": "木", "Straße (2)": "Straße_2", "пол 4": "пол_4"}
     for folder, expected in names.items():
-        assert find(plain_set(tmp_path / folder), LoadOptions()).name == expected
+        assert find(plain_set(tmp_path / folder)).name == expected
 
 
 def test_a_textures_folder_is_named_after_its_parent(tmp_path: Path) -> None:
     folder = plain_set(tmp_path / "oak" / "Textures")
-    assert find(folder, LoadOptions()).name == "oak"
-    assert find(sorted(folder.iterdir()), LoadOptions()).name == "oak"
+    assert find(folder).name == "oak"
+    assert mipbake.load(sorted(folder.iterdir())).name == "oak"
 
 
 def test_files_can_be_given_one_by_one(tmp_path: Path) -> None:
     folder = plain_set(tmp_path / "wall", metallic="metallic")
-    found = find((folder / f"{s}.png" for s in ("normal_gl", "roughness")), LoadOptions())
-    assert found.sources["metallic"].path is None
+    found = mipbake.load(folder / f"{s}.png" for s in ("normal_gl", "roughness"))
+    assert found.maps["metallic"].source.path is None
     assert found.name == "wall"
 
 
 def test_of_both_conventions_opengl_is_taken_unless_the_option_says_otherwise(tmp_path: Path) -> None:
     plain_set(tmp_path, normal_dx=encoded(height_field(32, 32), directx=True))
-    found = find(tmp_path, LoadOptions())
-    assert found.sources["normal"].path == tmp_path / "normal_gl.png"
-    assert found.convention.name == "opengl"
+    found = find(tmp_path)
+    assert found.maps["normal"].path == tmp_path / "normal_gl.png"
+    assert found.normal_convention.name == "opengl"
     assert any("both normal conventions" in n for n in found.notes)
-    found = find(tmp_path, LoadOptions(normal_convention="directx"))
-    assert found.sources["normal"].path == tmp_path / "normal_dx.png"
-    assert found.convention.name == "directx"
+    found = find(tmp_path, normal_convention="directx")
+    assert found.maps["normal"].path == tmp_path / "normal_dx.png"
+    assert found.normal_convention.name == "directx"
 
 
 @pytest.mark.parametrize(
@@ -272,8 +272,8 @@ def test_a_map_of_its_own_is_preferred_and_that_is_said(
     second: dict[str, str], role: str, winner: str, tmp_path: Path
 ) -> None:
     plain_set(tmp_path, **second)
-    found = find(tmp_path, LoadOptions())
-    source = found.sources[role]
+    found = find(tmp_path)
+    source = found.maps[role]
     assert source.path is not None
     assert (source.path.name, source.inverted) == (winner, False)
     assert any(n.startswith(f"{role}: {winner} is preferred") for n in found.notes)
@@ -292,25 +292,25 @@ def test_two_candidates_are_refused_by_name(extra: str, role: str, tmp_path: Pat
     plain_set(tmp_path)
     write_image(tmp_path / extra, pixels_for(role))
     with pytest.raises(InputError, match=f"all match {role}.*{role}=FILE") as error:
-        find(tmp_path, LoadOptions())
+        find(tmp_path)
     assert extra in str(error.value)
-    chosen = find(tmp_path, LoadOptions(maps={role: extra}))
-    assert chosen.sources[role].path == tmp_path / extra
+    chosen = find(tmp_path, maps={role: extra})
+    assert chosen.maps[role].path == tmp_path / extra
 
 
 def test_a_missing_folder_a_file_and_an_empty_folder_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="does not exist"):
-        find(tmp_path / "nowhere", LoadOptions())
+        find(tmp_path / "nowhere")
     file = write_image(tmp_path / "normal.png", pixels_for("normal"))
     with pytest.raises(InputError, match="is a file"):
-        find(file, LoadOptions())
+        find(file)
     (tmp_path / "empty").mkdir()
     with pytest.raises(InputError, match="is empty"):
-        find(tmp_path / "empty", LoadOptions())
+        find(tmp_path / "empty")
     with pytest.raises(InputError, match="no files"):
-        find([], LoadOptions())
+        mipbake.load([])
     with pytest.raises(InputError, match="is not a file"):
-        find([tmp_path / "gone.png"], LoadOptions())
+        mipbake.load([tmp_path / "gone.png"])
 
 
 @pytest.mark.parametrize("missing", [["normal_gl"], ["roughness"], ["normal_gl", "roughness"]])
@@ -319,7 +319,7 @@ def test_without_normal_or_roughness_what_was_found_is_listed(missing: list[str]
     for stem in missing:
         (tmp_path / f"{stem}.png").unlink()
     with pytest.raises(InputError) as error:
-        find(tmp_path, LoadOptions())
+        find(tmp_path)
     message = str(error.value)
     for stem in missing:
         assert f"no {stem.removesuffix('_gl')}" in message
@@ -332,54 +332,54 @@ def test_alpha_is_never_taken_for_green(tmp_path: Path) -> None:
     folder = plain_set(tmp_path, wear=grey_alpha)
     for channel in "GB":
         with pytest.raises(InputError, match=f"no channel {channel}.*R and A"):
-            find(folder, LoadOptions(maps={"roughness": f"wear.png:{channel}"}))
+            find(folder, maps={"roughness": f"wear.png:{channel}"})
     for channel, expected in (("R", "Y"), ("A", "A")):
-        found = find(folder, LoadOptions(maps={"roughness": f"wear.png:{channel}"}))
-        assert found.sources["roughness"].channels == expected
+        found = find(folder, maps={"roughness": f"wear.png:{channel}"})
+        assert found.maps["roughness"].channels == expected
     write_image(folder / "normal_gl.png", pixels_for("normal")[..., :2])
-    assert find(folder, LoadOptions(maps={"normal": "normal_gl.png:RG"})).sources["normal"].channels == "RG"
+    assert find(folder, maps={"normal": "normal_gl.png:RG"}).maps["normal"].channels == "RG"
 
 
 def test_a_folder_of_folders_lists_them(tmp_path: Path) -> None:
     for name in ("oak", "pine", ".hidden"):
         plain_set(tmp_path / name)
     with pytest.raises(InputError, match=r"did you mean \S+oak, \S+pine\?$"):
-        find(tmp_path, LoadOptions())
+        find(tmp_path)
 
 
 def test_an_unknown_colour_space_is_refused_with_near_names(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="ACEScg"):
-        find(plain_set(tmp_path), LoadOptions(colour_space="ACEScq"))
+        find(plain_set(tmp_path), colour_space="ACEScq")
 
 
 def test_a_packed_name_on_a_grey_file_is_refused(tmp_path: Path) -> None:
     write_set(tmp_path, {"normal_gl.png": "normal", "a_orm.png": "roughness"})
     with pytest.raises(InputError, match=r"grey, but its name \(orm\)"):
-        find(tmp_path, LoadOptions())
+        find(tmp_path)
 
 
 def test_sizes_agree_or_are_resampled(tmp_path: Path) -> None:
     plain_set(tmp_path / "a", roughness=pixels_for("roughness", 16), metallic=pixels_for("metallic", 1))
-    found = find(tmp_path / "a", LoadOptions())
+    found = find(tmp_path / "a")
     assert (found.width, found.height) == (32, 32)
     assert any("roughness.png: resampled from 16 x 16 to 32 x 32" in n for n in found.notes)
     plain_set(tmp_path / "b", roughness=pixels_for("roughness", 32)[:16])
-    found = find(tmp_path / "b", LoadOptions())
+    found = find(tmp_path / "b")
     assert (found.width, found.height) == (32, 32)
     assert [w for w in found.warnings if "32 x 16 to 32 x 32" in w and "is 32 x 32" in w and "roughness.png" in w]
     assert not any("resampled" in n for n in found.notes)
     plain_set(tmp_path / "c", height=pixels_for("height", 32)[:16])
-    assert find(tmp_path / "c", LoadOptions()).sources["height"].height == 16
+    assert find(tmp_path / "c").maps["height"].height == 16
 
 
 def test_sixteen_bit_colours_are_srgb_and_that_is_said(tmp_path: Path) -> None:
     plain_set(tmp_path)
     write_image(tmp_path / "base_color.png", np.full((32, 32, 3), 30000, np.uint16))
-    found = find(tmp_path, LoadOptions())
-    assert found.sources["base_color"].encoding == "sRGB"
+    found = find(tmp_path)
+    assert found.maps["base_color"].encoding == "sRGB"
     assert any("uint16 values are taken as sRGB" in n for n in found.notes)
 
 
 def test_roles_come_in_one_order(tmp_path: Path) -> None:
-    found = find(plain_set(tmp_path, opacity="opacity", ao="occlusion", metallic="metallic"), LoadOptions())
-    assert list(found.sources) == [r for r in ROLES if r in found.sources]
+    found = find(plain_set(tmp_path, opacity="opacity", ao="occlusion", metallic="metallic"))
+    assert list(found.maps) == [r for r in ROLES if r in found.maps]

@@ -7,10 +7,9 @@ from pathlib import Path
 import pytest
 
 from mipbake.base.errors import InputError, UsageError
-from mipbake.source.discover import find
 from mipbake.source.options import LoadOptions
 
-from .input_files import pixels_for, plain_set, write_image, write_set
+from .input_files import find, pixels_for, plain_set, write_image, write_set
 
 
 def test_options_fill_roles(tmp_path: Path) -> None:
@@ -24,8 +23,8 @@ def test_options_fill_roles(tmp_path: Path) -> None:
         "height": tmp_path / "elsewhere.png",
         "base_color": 0.25,
     }
-    found = find(folder, LoadOptions(maps=maps, normal_convention="opengl"))
-    assert {r: (s.path.name if s.path else s.constant, s.channels) for r, s in found.sources.items()} == {
+    found = find(folder, maps=maps, normal_convention="opengl")
+    assert {r: (s.path.name if s.path else s.constant, s.channels) for r, s in found.maps.items()} == {
         "base_color": ((0.25, 0.25, 0.25), ""),
         "normal": ("a.png", "RGB"),
         "roughness": ("b.png", "G"),
@@ -40,26 +39,26 @@ def test_options_fill_roles(tmp_path: Path) -> None:
 
 def test_a_file_chosen_by_option_is_still_read_as_its_name_says(tmp_path: Path) -> None:
     plain_set(tmp_path, orm="packed", gloss="roughness")
-    found = find(tmp_path, LoadOptions(maps={"roughness": "orm.png"}))
-    assert found.sources["roughness"].channels == "G"
-    found = find(tmp_path, LoadOptions(maps={"roughness": "gloss.png"}))
-    assert found.sources["roughness"].inverted
+    found = find(tmp_path, maps={"roughness": "orm.png"})
+    assert found.maps["roughness"].channels == "G"
+    found = find(tmp_path, maps={"roughness": "gloss.png"})
+    assert found.maps["roughness"].inverted
     (tmp_path / "gloss.png").rename(tmp_path / "metal_rough.png")
-    found = find(tmp_path, LoadOptions(maps={"roughness": "metal_rough.png", "metallic": 0}))
-    assert found.sources["roughness"].channels == "Y"
+    found = find(tmp_path, maps={"roughness": "metal_rough.png", "metallic": 0})
+    assert found.maps["roughness"].channels == "Y"
     (tmp_path / "metal_rough.png").rename(tmp_path / "gloss.png")
-    found = find(tmp_path, LoadOptions(maps={"roughness": "gloss.png"}, roughness_is_gloss=False))
-    assert not found.sources["roughness"].inverted
-    assert find(tmp_path, LoadOptions(roughness_is_gloss=True)).sources["roughness"].inverted
+    found = find(tmp_path, maps={"roughness": "gloss.png"}, roughness_is_gloss=False)
+    assert not found.maps["roughness"].inverted
+    assert find(tmp_path, roughness_is_gloss=True).maps["roughness"].inverted
 
 
 def test_left_out_maps_become_constants_or_disappear(tmp_path: Path) -> None:
     plain_set(tmp_path, metallic="metallic", ao="occlusion")
-    found = find(tmp_path, LoadOptions(maps={"normal": None, "metallic": None, "occlusion": None}))
-    assert found.sources["normal"].constant == (0, 0, 1)
-    assert found.convention.decided_by == "flat"
-    assert found.sources["metallic"].constant == (0,)
-    assert "occlusion" not in found.sources
+    found = find(tmp_path, maps={"normal": None, "metallic": None, "occlusion": None})
+    assert found.maps["normal"].constant == (0, 0, 1)
+    assert found.normal_convention.decided_by == "flat"
+    assert found.maps["metallic"].constant == (0,)
+    assert "occlusion" not in found.maps
     assert any("no metallic map" in n for n in found.notes)
 
 
@@ -75,7 +74,6 @@ def test_left_out_maps_become_constants_or_disappear(tmp_path: Path) -> None:
         ({"maps": {"normal": 0.5}}, "cannot be the number"),
         ({"maps": {"metallic": True}}, "expected a file, a number or None"),
         ({"normal_convention": "vulkan"}, "opengl, directx"),
-        ({"normal_length": "keep"}, "ignore, roughness"),
         ({"wrap": ("wrap", "mirror")}, "wrap, clamp"),
         ({"wrap": "wrap"}, "two modes"),
     ],
@@ -96,6 +94,6 @@ def test_impossible_options_are_refused(arguments: dict[str, object], match: str
 def test_options_that_name_what_is_not_there_are_refused(maps: dict[str, str], match: str, tmp_path: Path) -> None:
     plain_set(tmp_path)
     with pytest.raises(InputError, match=match):
-        find(tmp_path, LoadOptions(maps=maps))
+        find(tmp_path, maps=maps)
     with pytest.raises(UsageError, match="expected 1 of"):
-        find(tmp_path, LoadOptions(maps={"roughness": "base_color.png:RG"}))
+        find(tmp_path, maps={"roughness": "base_color.png:RG"})

@@ -14,7 +14,7 @@ from mipbake.base.srgb import srgb_to_linear
 from mipbake.source.gltf.document import read_document
 from mipbake.source.gltf.materials import GltfBake, GltfMaterials, read_materials
 from mipbake.source.images.read import read_image
-from mipbake.source.texture_set import load
+from mipbake.source.loading import load
 
 from .gltf_files import (
     BASE,

@@ -12,12 +12,10 @@ from mipbake.base.colour import LINEAR, canonical_colour_space, decode
 from mipbake.base.colour_science import colour_science
 from mipbake.base.colour_spaces import COLOUR_SPACES
 from mipbake.base.errors import InputError, UsageError
-from mipbake.source.discover import find
 from mipbake.source.images.colour_names import RAW, split_colour_space
 from mipbake.source.names import classify, colour_space_of, interpretations
-from mipbake.source.options import LoadOptions
 
-from .input_files import pixels_for, plain_set, write_image, write_set
+from .input_files import find, pixels_for, plain_set, write_image, write_set
 
 
 def without_colour(folder: Path, *names: str) -> Path:
@@ -34,8 +32,8 @@ def without_colour(folder: Path, *names: str) -> Path:
 )
 def test_a_base_colour_is_read_by_its_name(name: str, tmp_path: Path) -> None:
     folder = without_colour(tmp_path, name)
-    found = find(folder, LoadOptions())
-    assert found.sources["base_color"].path == folder / name
+    found = find(folder)
+    assert found.maps["base_color"].path == folder / name
     assert not found.warnings
 
 
@@ -45,25 +43,25 @@ def test_a_base_colour_that_is_not_understood_is_asked_for(name: str, tmp_path: 
         tmp_path, {name: "base_color", "wood_normal_gl.png": "normal", "wood_roughness.png": "roughness"}
     )
     with pytest.raises(InputError) as error:
-        find(folder, LoadOptions())
+        find(folder)
     assert f"images without a role: {name}; choose one with --map base_color={name}" in str(error.value)
     assert "base_color=none" in str(error.value)
-    assert find(folder, LoadOptions(maps={"base_color": name})).sources["base_color"].path == folder / name
-    grey = find(folder, LoadOptions(maps={"base_color": None}))
-    assert grey.sources["base_color"].constant == (0.5, 0.5, 0.5)
+    assert find(folder, maps={"base_color": name}).maps["base_color"].path == folder / name
+    grey = find(folder, maps={"base_color": None})
+    assert grey.maps["base_color"].constant == (0.5, 0.5, 0.5)
     assert not any("base colour" in warning for warning in grey.warnings)
 
 
 def test_a_set_without_any_colour_is_grey_and_that_is_warned_of(tmp_path: Path) -> None:
-    (warning,) = find(without_colour(tmp_path), LoadOptions()).warnings
+    (warning,) = find(without_colour(tmp_path)).warnings
     assert "no base colour map: the constant 0.5, 0.5, 0.5 is used, so that what is baked is grey" in warning
 
 
 def test_an_image_without_a_role_beside_a_missing_metallic_map_is_warned_of(tmp_path: Path) -> None:
     folder = plain_set(tmp_path, mtlns="metallic")
-    assert any("no metallic map" in w and "metallic=mtlns.png" in w for w in find(folder, LoadOptions()).warnings)
+    assert any("no metallic map" in w and "metallic=mtlns.png" in w for w in find(folder).warnings)
     (folder / "mtlns.png").rename(folder / "metallic.png")
-    assert not find(folder, LoadOptions()).warnings
+    assert not find(folder).warnings
 
 
 @pytest.mark.parametrize(
@@ -108,11 +106,11 @@ def test_colour_spaces_in_names(stem: str, bare: str, space: str | None) -> None
 def test_colour_spaces_of_names_are_applied(name: str, pixels: type, encoding: str, tmp_path: Path) -> None:
     folder = without_colour(tmp_path)
     write_image(folder / name, pixels_for("base_color").astype(pixels))
-    found = find(folder, LoadOptions())
-    assert found.sources["base_color"].encoding == encoding
+    found = find(folder)
+    assert found.maps["base_color"].encoding == encoding
     assert any("its name says" in note for note in found.notes) == (colour_space_of(Path(name).stem) is not None)
-    asked = find(folder, LoadOptions(colour_space="ACEScg"))
-    assert asked.sources["base_color"].encoding == "ACEScg"
+    asked = find(folder, colour_space="ACEScg")
+    assert asked.maps["base_color"].encoding == "ACEScg"
     assert any("is followed" in warning for warning in asked.warnings) == (colour_space_of(Path(name).stem) is not None)
 
 
@@ -120,14 +118,14 @@ def test_an_encoding_in_the_name_of_data_is_questioned(tmp_path: Path) -> None:
     folder = plain_set(tmp_path)
     for word, doubted in (("raw", False), ("linear", False), ("sRGB", True)):
         path = (folder / "roughness.png").rename(folder / f"roughness_{word}.png")
-        assert any(path.name in warning for warning in find(folder, LoadOptions()).warnings) == doubted
+        assert any(path.name in warning for warning in find(folder).warnings) == doubted
         path.rename(folder / "roughness.png")
 
 
 def test_of_variants_the_first_is_taken_and_that_is_said(tmp_path: Path) -> None:
     folder = without_colour(tmp_path, "wood_COL_VAR2_4K.png", "wood_COL_VAR1_4K.png")
-    found = find(folder, LoadOptions())
-    assert found.sources["base_color"].path == folder / "wood_COL_VAR1_4K.png"
+    found = find(folder)
+    assert found.maps["base_color"].path == folder / "wood_COL_VAR1_4K.png"
     assert "base_color: wood_COL_VAR1_4K.png is preferred to wood_COL_VAR2_4K.png" in found.notes
 
 
@@ -138,14 +136,14 @@ def test_words_that_merely_end_alike_say_no_role(stem: str) -> None:
 
 def test_a_name_that_says_it_clearly_is_preferred_to_a_glued_word(tmp_path: Path) -> None:
     folder = plain_set(tmp_path, watercolor="base_color")
-    assert find(folder, LoadOptions()).sources["base_color"].path == folder / "base_color.png"
+    assert find(folder).maps["base_color"].path == folder / "base_color.png"
 
 
 def test_sets_whose_words_are_all_glued(tmp_path: Path) -> None:
     files = {"woodcolor.png": "base_color", "woodnormalgl.png": "normal", "woodroughness.png": "roughness"}
-    found = find(write_set(tmp_path, files), LoadOptions())
-    assert {s.path.name for s in found.sources.values() if s.path} == set(files)
-    assert found.convention.decided_by == "name"
+    found = find(write_set(tmp_path, files))
+    assert {s.path.name for s in found.maps.values() if s.path} == set(files)
+    assert found.normal_convention.decided_by == "name"
 
 
 def test_names_that_end_in_the_workflow() -> None:
@@ -180,7 +178,7 @@ def test_colour_spaces_that_exr_files_tell(name: str, attributes: dict, encoding
     output = oiio.ImageOutput.create(str(folder / name))
     assert output.open(str(folder / name), spec) and output.write_image(np.full((8, 8, 3), 0.5, np.float32))
     output.close()
-    assert find(folder, LoadOptions()).sources["base_color"].encoding == encoding
+    assert find(folder).maps["base_color"].encoding == encoding
 
 
 @pytest.mark.parametrize("name", COLOUR_SPACES)

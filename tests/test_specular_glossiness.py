@@ -11,14 +11,12 @@ import pytest
 import mipbake
 from mipbake.base.colour import srgb_to_linear
 from mipbake.material.specular_glossiness import Loss, metallic_roughness
-from mipbake.source.discover import find
 from mipbake.source.gltf.document import read_document
 from mipbake.source.gltf.specular_glossiness import Converted, without_specular_glossiness
 from mipbake.source.images.read import read_image
-from mipbake.source.options import LoadOptions
 
 from .gltf_files import GltfFile, check_structure, image_of, png, split
-from .input_files import encoded, height_field, write_image
+from .input_files import encoded, find, height_field, write_image
 from .test_presets import run
 
 SG = "KHR_materials_pbrSpecularGlossiness"
@@ -259,16 +257,16 @@ def test_other_sets_are_as_they_were(tmp_path: Path, beside: str) -> None:
     """A metallic map says what the workflow is; a specular map beside a roughness may be an amount for dielectrics."""
     grey = np.full((16, 16, 1), 99, np.uint8)
     files = {beside: grey} | ({"Glossiness": None} if beside == "Roughness" else {})
-    found = find(write_glossy_set(tmp_path / "rust", **files), LoadOptions())
-    assert not found.sources["metallic"].converted
+    found = find(write_glossy_set(tmp_path / "rust", **files))
+    assert not found.maps["metallic"].converted
     assert [item.path.name for item in found.ignored] == ["rust_Specular.png"]
 
 
 def test_a_specular_map_is_chosen_or_left_out_by_option(tmp_path: Path) -> None:
     folder = write_glossy_set(tmp_path / "rust")
-    assert not find(folder, LoadOptions(maps={"specular": None})).sources["metallic"].converted
+    assert not find(folder, maps={"specular": None}).maps["metallic"].converted
     (folder / "rust_Specular.png").rename(folder / "shine.png")
     maps = {"specular": "shine.png"}
-    assert find(folder, LoadOptions(maps=maps)).sources["metallic"].converted
+    assert find(folder, maps=maps).maps["metallic"].converted
     with pytest.raises(mipbake.UsageError, match="beside a metallic map"):
-        find(folder, LoadOptions(maps={**maps, "metallic": 0.5}))
+        find(folder, maps={**maps, "metallic": 0.5})

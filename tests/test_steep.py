@@ -15,7 +15,7 @@ from mipbake.base.errors import InputError
 from mipbake.cli.main import main
 from mipbake.material import MIN_NORMAL_Z
 from mipbake.quality.metrics.pairs import pair_set
-from mipbake.source.steep import held
+from mipbake.source.normal import held
 from mipbake.source.texture_set import TextureSet
 
 from .input_files import height_field, write_image
@@ -90,12 +90,6 @@ def test_arrays_too() -> None:
     assert texture_set.maps["normal"].pixels[..., 2].min() > 0.9
     with pytest.raises(InputError, match="points into the surface"):
         TextureSet.from_arrays("metal", normal=normals(), roughness=0.3)
-
-
-def test_what_has_no_length_adds_no_roughness(tmp_path: Path) -> None:
-    texture_set = load(tmp_path / "metal", normals(), normal_length="roughness")
-    rough = texture_set.maps["roughness"].pixels
-    assert rough[15, 0, 0] == pytest.approx(80 / 255, abs=0.01)
 
 
 def test_a_level_0_that_is_kept_is_that_of_the_file_elsewhere(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from mipbake.base.errors import InputError, UsageError
 from mipbake.base.srgb import srgb_to_linear
 from mipbake.material import MODELS, convert
 from mipbake.source.decode import upsample
-from mipbake.source.texture_set import load
+from mipbake.source.loading import load
 
 from .input_files import bytes_of, encoded, height_field, pixels_for, plain_set, write_image, write_set
 

@@ -14,9 +14,10 @@ import mipbake
 from mipbake.base.errors import InputError, UsageError
 from mipbake.material.fill import fill
 from mipbake.material.pixel_filter import level_sizes
-from mipbake.source.texture_set import LoadOptions, TextureSet
+from mipbake.source.options import LoadOptions
+from mipbake.source.texture_set import TextureSet
 from mipbake.source.tiles import place, tile_options, tiles_of
-from mipbake.source.udim import Mosaic, islands, joined, mosaics
+from mipbake.source.udim import Mosaic, islands, mosaics
 from mipbake.stack.split_tiles import split
 from mipbake.stack.stack import MipStack
 
@@ -137,7 +138,7 @@ def cut_up(arrays: Mapping[str, Any], rows: int, columns: int) -> dict[int, Text
 
 
 def baked(tiles: Mapping[int, TextureSet], **options: Any) -> tuple[Mosaic, Mapping[int, MipStack]]:
-    mosaic = joined(tiles)
+    mosaic = mosaics(tiles)[0]
     return mosaic, split(mipbake.bake(mosaic.texture_set, method="linear", **options), mosaic)
 
 
@@ -261,7 +262,7 @@ def test_opacity_that_is_tested_keeps_the_coverage_of_every_tile() -> None:
         for tile, exponent in exponents.items()
     }
     mosaic, stacks = baked(tiles)
-    assert (mosaic.alpha_cutoff, mosaic.texture_set.alpha_cutoff) == (0.5, None)
+    assert mosaic.texture_set.alpha_cutoff is None
     for tile, stack in stacks.items():
         levels = stack.extra["opacity"]
         share = np.mean(levels[0] >= 0.5)
@@ -273,15 +274,11 @@ def test_opacity_that_is_tested_keeps_the_coverage_of_every_tile() -> None:
 def test_tiles_of_different_cutoffs_are_refused() -> None:
     tiles = {1001: constant_tile(0.3), 1002: replace(constant_tile(0.3), alpha_cutoff=0.5)}
     with pytest.raises(UsageError, match=r"different alpha cutoffs, none and 0\.5"):
-        joined(tiles)
+        mosaics(tiles)
 
 
-def test_mosaics_refuse_what_is_no_tile() -> None:
-    with pytest.raises(UsageError, match="no tiles"):
-        joined({})
-    with pytest.raises(UsageError, match="1000 is not a UDIM tile"):
-        joined({1000: constant_tile(0.5)})
-    mosaic = joined({1001: constant_tile(0.5), 1002: constant_tile(0.5)})
+def test_a_stack_of_something_else_is_not_cut_up() -> None:
+    (mosaic,) = mosaics({1001: constant_tile(0.5), 1002: constant_tile(0.5)})
     with pytest.raises(UsageError, match="not the stack of the mosaic"):
         split(mipbake.bake(constant_tile(0.5), method="linear"), mosaic)
 
@@ -330,7 +327,7 @@ def test_tiles_do_not_hide_what_a_map_is(tmp_path: Path, name: str, tile: str) -
 def test_conventions_that_differ_between_tiles_are_told() -> None:
     other = constant_tile(0.5)
     other = replace(other, convention=replace(other.convention, name="directx"))
-    warnings = joined({1001: constant_tile(0.5), 1002: other}).texture_set.warnings
+    warnings = mosaics({1001: constant_tile(0.5), 1002: other})[0].texture_set.warnings
     assert any("1001 as OpenGL and 1002 as DirectX" in warning for warning in warnings)
 
 

@@ -16,9 +16,8 @@ from mipbake.source.decode import unit_directions
 from mipbake.source.images.declared import turn_vectors
 from mipbake.source.images.read import read_image
 from mipbake.source.layout import LAYOUTS, channels_of
-from mipbake.source.normal import normalised
+from mipbake.source.normal import holes, normalised
 from mipbake.source.sources import taken
-from mipbake.source.steep import holes
 from mipbake.source.texture_set import TextureSet
 from mipbake.stack.stack import MipStack
 

@@ -22,7 +22,8 @@ from mipbake.material.pixel_filter import FILTERS, filter_named, filtered_levels
 from mipbake.source.layout import channels_of
 from mipbake.source.loading import PathLike, load
 from mipbake.source.opacity import covering, keeping_coverage, opacity_of, shown
-from mipbake.source.texture_set import TextureSet, with_overrides
+from mipbake.source.options import with_overrides
+from mipbake.source.texture_set import TextureSet
 from mipbake.stack.packing import source_files
 from mipbake.stack.presets import PRESETS, preset_named
 from mipbake.stack.stack import MipStack, Provenance, not_finite

@@ -12,7 +12,6 @@ from mipbake.baking.sets import Run
 from mipbake.base.errors import MipbakeError
 from mipbake.base.leftovers import tidy
 from mipbake.base.publish import TRIAL
-from mipbake.source.found import file_hashes
 from mipbake.source.jobs import Failure, Job
 from mipbake.source.layout import tiles_in
 from mipbake.stack.output import GLB
@@ -22,7 +21,7 @@ def together_at(job: Job | Failure) -> tuple[Path, str]:
     """Source and name of a set of tiles, the same for all its groups; no name for anything else."""
     if isinstance(job, Failure) or not job.tiled:
         return job.source, ""
-    return job.source, next(iter(job.parts.values())).name
+    return job.source, job.name
 
 
 def without_left(run: Run, found: Sequence[Job | Failure], out: Path) -> tuple[list[Job | Failure], list[Result]]:
@@ -84,7 +83,7 @@ def _left(run: Run, jobs: Sequence[Job], out: Path, whole: bool) -> Unchanged | 
             _tidy(run, folder)
             why = why or set_changed(folder, job.parts, run.ingredients.recipe(job, found))
             for each in found.values():
-                folders.setdefault(folder, {}).update(file_hashes(each))
+                folders.setdefault(folder, {}).update(each.hashes)
         if first.tiled and not why and whole:
             gone = tiles_in(place) - {tile for job in jobs for tile in job.parts}
             why = f"the source of its tile {min(gone)} is gone" if gone else ""

@@ -19,12 +19,12 @@ from mipbake.base import disk
 from mipbake.base.errors import InputError
 from mipbake.base.version import __version__
 from mipbake.models.registry import WeightsInfo, find_weights, list_weights
-from mipbake.source.found import sources_of
 from mipbake.source.gltf.document import Document
 from mipbake.source.gltf.images import stored_image
 from mipbake.source.jobs import Job
 from mipbake.source.layout import manifest_name
-from mipbake.source.sources import Discovery, MapSource
+from mipbake.source.options import LoadOptions
+from mipbake.source.sources import Found, MapSource
 from mipbake.source.texture_set import TextureSet
 from mipbake.stack.gltf.glb import made_from
 from mipbake.stack.manifest import read_manifest
@@ -52,7 +52,7 @@ class Ingredients:
         options = {name: _number(value) for name, value in asdict(asked.options).items()}
         return cls(_hash(options), _hash([info.sha256 for info in weights_of(asked.options)]))
 
-    def recipe(self, job: Job, found: Mapping[int, Discovery], read: Iterable[TextureSet] = ()) -> Fingerprint:
+    def recipe(self, job: Job, found: Mapping[int, Found], read: Iterable[TextureSet] = ()) -> Fingerprint:
         """The recipe of a set, or of tiles that touch.
 
         Args:
@@ -61,8 +61,8 @@ class Ingredients:
         Raises:
             InputError: a file cannot be read.
         """
-        known = {s.path: s.sha256 for each in read for s in sources_of(each).values() if s.path and s.sha256}
-        told = job.using(lambda: [[tile, *_told(each, known)] for tile, each in found.items()])
+        known = {s.path: s.sha256 for each in read for s in each.found.maps.values() if s.path and s.sha256}
+        told = job.using(lambda: [[tile, *_told(each, job.parts[tile].options, known)] for tile, each in found.items()])
         return {"sources": _hash([job.warnings, told]), "options": self.options, "weights": self.weights}
 
     def document(self, jobs: Sequence[Job]) -> Fingerprint:
@@ -139,15 +139,14 @@ def _difference(found: object, version: object, wanted: Fingerprint) -> str:
     return next((words[part] for part in words if found.get(part) != wanted[part]), "")
 
 
-def _told(found: Discovery, known: Mapping[Path, str]) -> list[Any]:
+def _told(found: Found, asked: LoadOptions, known: Mapping[Path, str]) -> list[Any]:
     """What decides a texture set, as plain types without the folders that files lie in."""
-    asked = found.options
     options = (
-        *(asked.colour_space, asked.normal_convention, asked.normal_length, asked.roughness_is_gloss, asked.wrap),
+        *(asked.colour_space, asked.normal_convention, asked.roughness_is_gloss, asked.wrap),
         *(sorted(asked.factors.items()), asked.alpha_cutoff, asked.alpha),
     )
-    sources = [[role, *_source(source, known)] for role, source in found.sources.items()]
-    return [found.name, found.convention.name, found.warnings, options, sources]
+    sources = [[role, *_source(source, known)] for role, source in found.maps.items()]
+    return [found.name, found.normal_convention.name, found.warnings, options, sources]
 
 
 def _source(source: MapSource, known: Mapping[Path, str]) -> list[Any]:

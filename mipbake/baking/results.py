@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 from mipbake.baking.methods import Stop
 from mipbake.base.errors import MipbakeError
 from mipbake.base.timings import Timings
-from mipbake.source.found import SetReport
 from mipbake.source.jobs import Failure, Job
+from mipbake.source.sources import Found
 from mipbake.source.texture_set import TextureSet
 from mipbake.stack.costs import Cost
 from mipbake.stack.gltf.glb_plain import PlainCost
@@ -58,7 +58,7 @@ class BakedSet:
     levels: int
     provenance: Provenance
     seconds: Mapping[str, float]
-    set: SetReport
+    set: Found
 
     @property
     def bytes(self) -> int:

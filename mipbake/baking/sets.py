@@ -18,12 +18,12 @@ from mipbake.base import memory
 from mipbake.base.publish import IsOurs
 from mipbake.base.timings import Timings
 from mipbake.material import MODELS
-from mipbake.source.found import file_hashes, set_report
 from mipbake.source.gltf.slots import BASE
-from mipbake.source.jobs import Job, Read
-from mipbake.source.sources import Discovery
+from mipbake.source.jobs import Job
+from mipbake.source.sources import Found
 from mipbake.source.texture_set import TextureSet
 from mipbake.source.tiles import FIRST
+from mipbake.source.udim import Mosaic
 from mipbake.stack.checking import Check
 from mipbake.stack.compression import chosen, chosen_all, part_of
 from mipbake.stack.costs import Cost
@@ -102,7 +102,7 @@ def bake_job(run: Run, job: Job, place: Path, out: Path) -> list[BakedSet]:
     asked, listener = run.asked, run.listener
     sources = job.found()
     for found in [] if job.tiled else sources.values():
-        run.check_output(place / found.name, file_hashes(found))
+        run.check_output(place / found.name, found.hashes)
     _check_memory(asked.options.method, sources)
     with listener.timings(job.source.name) as reading:
         reading("read", 0.0)
@@ -110,14 +110,14 @@ def bake_job(run: Run, job: Job, place: Path, out: Path) -> list[BakedSet]:
         reading("read", 1.0)
     sets = [each for read in reads for each in read.sets.values()]
     for texture_set in sets:
-        run.check_output(place / texture_set.name, file_hashes(texture_set))
+        run.check_output(place / texture_set.name, texture_set.found.hashes)
     listener.read(job, sets)
     recipe = run.ingredients.recipe(job, sources, sets)
     return [baked for read in reads for baked in _bake(run, job, read, recipe, reading, place, out)]
 
 
 def _bake(
-    run: Run, job: Job, read: Read, recipe: Fingerprint, reading: Timings, place: Path, out: Path
+    run: Run, job: Job, read: Mosaic, recipe: Fingerprint, reading: Timings, place: Path, out: Path
 ) -> list[BakedSet]:
     """Bakes what is baked at once, and writes its stacks."""
     asked, listener = run.asked, run.listener
@@ -144,7 +144,7 @@ def _bake(
     return made
 
 
-def checkpoint_of(job: Job, read: Read, out: Path) -> Path:
+def checkpoint_of(job: Job, read: Mosaic, out: Path) -> Path:
     """The folder that a search of a job is kept in, beside its result."""
     return out / f".{'.'.join(filter(None, (job.place, job.names[next(iter(read.sets))])))}{SEARCH}"
 
@@ -160,7 +160,7 @@ def _left_over(checkpoint: Path | None) -> str:
     )
 
 
-def _check_memory(method: str, sources: Mapping[int, Discovery]) -> None:
+def _check_memory(method: str, sources: Mapping[int, Found]) -> None:
     """UsageError where the limit of memory does not let a method bake sets of these sizes, by tile."""
     across = len({(tile - FIRST) % 10 for tile in sources})
     width, height = (max(getattr(found, side) for found in sources.values()) for side in ("width", "height"))
@@ -228,7 +228,7 @@ def _write(
         levels=len(stack.levels[: asked.level_count]),
         provenance=stack.provenance,
         seconds=dict(baking.seconds),
-        set=set_report(texture_set, job),
+        set=job.named(texture_set.found),
     )
     run.listener.baked(job, stack, result, baking)
     return result

@@ -17,12 +17,10 @@ from mipbake.baking.sets import BakedMaterial, Run, bake_job
 from mipbake.base.allocator import give_back_freed_memory
 from mipbake.base.errors import InputError, MipbakeError, OutputError
 from mipbake.base.publish import published, temporary_folder
-from mipbake.source.found import file_hashes
 from mipbake.source.intake import jobs
 from mipbake.source.jobs import Failure, Job
 from mipbake.source.loading import PathLike
-from mipbake.source.options import LoadOptions
-from mipbake.source.texture_set import with_overrides
+from mipbake.source.options import LoadOptions, with_overrides
 from mipbake.stack.gltf.glb import check_file, save_document
 from mipbake.stack.gltf.write import check_images
 from mipbake.stack.output import GLB
@@ -172,7 +170,7 @@ def _bake_tiles(run: Run, groups: Sequence[Job], out: Path) -> list[BakedSet]:
     """Bakes all tiles of a set, and writes them into one folder, or nothing where one cannot be baked."""
     place = out / together_at(groups[0])[1]
     found = [each for job in groups for each in job.found().values()]
-    run.check_output(place, {name: told for each in found for name, told in file_hashes(each).items()})
+    run.check_output(place, {name: told for each in found for name, told in each.hashes.items()})
     with published(place, run.ours) as folder:
         made = [tile for job in groups for tile in bake_job(run, job, folder, out)]
         run.check_output(place, {name: told for tile in made for name, told in tile.provenance.sources.items()})

@@ -24,7 +24,7 @@ from mipbake.source.gltf.images import image_files
 from mipbake.source.images.read import IMAGE_SUFFIXES
 from mipbake.source.inputs import expand, kind
 from mipbake.source.intake import files_of_set, jobs
-from mipbake.source.jobs import Failure, Job, SetFiles
+from mipbake.source.jobs import Failure, Job
 from mipbake.source.layout import SCHEMA, manifests
 from mipbake.source.matches import is_map, is_textures, name_of
 from mipbake.source.mtlx.materials import read_materialx
@@ -61,7 +61,7 @@ class Entry:
     @property
     def files(self) -> list[Path]:
         """All files of one of several sets in a folder."""
-        return [file for job in self.part for each in job.parts.values() for file in _listed(each)]
+        return [file for job in self.part for each in job.parts.values() for file in each.files]
 
     def jobs(self, load: LoadOptions, scratch: Path) -> list[Job | Failure]:
         """What is to be baked of it. The options may be others than those that told several sets apart.
@@ -75,15 +75,11 @@ class Entry:
         made: list[Job | Failure] = []
         try:
             for job in self.part:
-                parts = {t: files_of_set(_listed(each), own, self.name, t) for t, each in job.parts.items()}
+                parts = {t: files_of_set(each.files, own, self.name, t) for t, each in job.parts.items()}
                 made.append(Job(self.source, parts, job.notes, job.warnings))
         except (InputError, UsageError) as error:
             return [Failure(self.source, error)]
         return made
-
-
-def _listed(files: SetFiles) -> tuple[Path, ...]:
-    return files.files if isinstance(files.files, tuple) else ()
 
 
 @dataclass(frozen=True)
@@ -210,10 +206,9 @@ def sets_in(folder: Path, load: LoadOptions) -> dict[str, tuple[Job, ...]]:
     """
     sets: dict[str, tuple[Job, ...]] = {}
     for job in jobs([str(folder)], load, folder) if disk.is_dir(folder) else ():  # which needs no temporary files
-        if isinstance(job, Failure) or not all(map(_listed, job.parts.values())):
+        if isinstance(job, Failure):
             return {}
-        name = next(iter(job.parts.values())).name
-        sets[name] = (*sets.get(name, ()), job)
+        sets[job.name] = (*sets.get(job.name, ()), job)
     return sets if len(sets) > 1 else {}
 
 

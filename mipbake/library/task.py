@@ -19,13 +19,12 @@ from mipbake.library.listing import Entry
 from mipbake.library.results import EntryResult, WorkerError, declares, result_files
 from mipbake.library.state import FileState, Record, absolute, state_of, states
 from mipbake.source.archives import GLTF, MATERIALX
-from mipbake.source.found import sources_of
 from mipbake.source.gltf.document import Document
 from mipbake.source.gltf.images import image_files
 from mipbake.source.gltf.uris import file_of, spellings
 from mipbake.source.jobs import Failure, Job
 from mipbake.source.options import LoadOptions
-from mipbake.source.sources import Discovery
+from mipbake.source.sources import Found
 
 
 @dataclass(frozen=True)
@@ -101,8 +100,8 @@ def _files(source: Path, found: Sequence[Job | Failure]) -> Iterator[Path]:
     for job in found:
         if isinstance(job, Failure) or job.archive is not None:
             continue
-        for discovery in _discoveries(job):
-            yield from (each.path for each in sources_of(discovery).values() if each.path is not None)
+        for found_set in _found(job):
+            yield from (each.path for each in found_set.maps.values() if each.path is not None)
         if job.document is not None and job.source not in documents:
             documents.add(job.source)
             yield from _buffers(job.document)
@@ -120,7 +119,7 @@ def _named(document: Path) -> Iterator[Path]:
     yield from (document.parent / text for uri in named for text in spellings(uri))
 
 
-def _discoveries(job: Job) -> list[Discovery]:
+def _found(job: Job) -> list[Found]:
     try:
         return list(job.found().values())
     except InputError:  # the bake will say so

@@ -12,10 +12,9 @@ import stat
 import unicodedata
 import zipfile
 import zlib
-from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import TypeVar
 
@@ -31,51 +30,29 @@ _T = TypeVar("_T")
 GLTF, MATERIALX = (".gltf", ".glb"), ".mtlx"
 """Suffixes of documents, which are read with what lies beside them."""
 
+MOST_FILES = 10_000
+MOST_UNPACKED = 64 << 30
+"""Bytes that an archive may have when it is unpacked."""
+
+SURELY_FINE, RATIO = 1 << 30, 100
+"""An archive that unpacks to more than `SURELY_FINE` bytes and to more than `RATIO` times its own is a bomb: images are
+compressed already, and whole sets of constant maps are smaller."""
+
 _CHUNK = 1 << 20  # bytes that are unpacked at a time, so that they stay in the cache
 
 _DAMAGE = (
-    zipfile.BadZipFile,
-    zlib.error,
-    lzma.LZMAError,
-    EOFError,
-    NotImplementedError,
-    RuntimeError,
-    ValueError,
-    OSError,
+    *(zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, NotImplementedError, RuntimeError, ValueError),
+    OSError,  # places before the beginning
 )
-"""What reading a damaged archive raises; OSError for places before its beginning."""
-
-
-@dataclass(frozen=True)
-class Limits:
-    """How large archives may be.
-
-    Args:
-        files: in an archive at most.
-        unpacked: bytes that an archive may have when it is unpacked.
-        surely_fine, ratio: an archive that unpacks to more than `surely_fine` bytes and to more than `ratio` times its
-            own is a bomb: images are compressed already, and whole sets of constant maps are smaller.
-        kept: bytes of unpacked archives that lie side by side at most; the archive in use is there however large it is.
-
-    """
-
-    files: int = 10_000
-    unpacked: int = 64 << 30
-    surely_fine: int = 1 << 30
-    ratio: int = 100
-    kept: int = 4 << 30
-
-
-LIMITS = Limits()
+"""What reading a damaged archive raises."""
 
 
 @dataclass(eq=False)
 class Shelf:
-    """The archives of one run, unpacked below a folder; those that were used last stay, within the limits."""
+    """The archives of one run, below a folder. One of them at a time is unpacked, the one that was used last."""
 
     folder: Path
-    limits: Limits = LIMITS
-    _sizes: OrderedDict[Path, int] = field(default_factory=OrderedDict)
+    _unpacked: Path | None = None
 
     def archive(self, path: Path, place: str) -> Archive:
         """An archive that is unpacked, when it is used, into the folder `place`, which names its set as its file does.
@@ -83,19 +60,17 @@ class Shelf:
         Raises:
             InputError: it cannot be read, is too large, or holds what would lie outside that folder.
         """
-        members = checked_members(path, self.limits)
-        return Archive(path, self.folder / place / safe_name(path.stem, "archive"), tuple(members), self)
+        members = tuple(_checked_members(path))
+        return Archive(path, self.folder / place / safe_name(path.stem, "archive"), members, self)
 
     def hold(self, archive: Archive) -> None:
-        """Unpacks it where it is not there, and removes what was used longest ago."""
-        if archive.folder not in self._sizes:
-            size = sum(member.file_size for member in archive.members)
-            while self._sizes and sum(self._sizes.values()) + size > self.limits.kept:
-                oldest, _ = self._sizes.popitem(last=False)
-                shutil.rmtree(oldest, ignore_errors=True)
-            unpack(archive.path, archive.members, archive.folder)
-            self._sizes[archive.folder] = size
-        self._sizes.move_to_end(archive.folder)
+        """Unpacks it where it is not there, in the place of the one before."""
+        if self._unpacked != archive.folder:
+            if self._unpacked is not None:
+                shutil.rmtree(self._unpacked, ignore_errors=True)
+            self._unpacked = None
+            _unpack(archive.path, archive.members, archive.folder)
+            self._unpacked = archive.folder
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,22 +99,21 @@ class Archive:
                 raise
             raise type(error)(text) from error
         except OSError as error:
-            if error.filename is None or (text := self.told(named := os.fsdecode(error.filename))) == named:
+            if error.filename is None or (text := self.renamed(file := os.fsdecode(error.filename))) == file:
                 raise
             raise disk.refused(Path(text), error) from error
 
     def about(self, error: MipbakeError) -> str:
         """The message of an error, as `naming` changes it."""
-        text = self.told(error.full)
-        named = str(self.path) in text or not isinstance(error, InputError)
-        return text if named else f"{self.path}: {text}"
+        text = self.renamed(error.full)
+        return text if str(self.path) in text or not isinstance(error, InputError) else f"{self.path}: {text}"
 
-    def told(self, text: str) -> str:
+    def renamed(self, text: str) -> str:
         """A text with the archive in place of the folder that it is unpacked to."""
         return text.replace(str(self.folder.resolve()), str(self.path)).replace(str(self.folder), str(self.path))
 
 
-def checked_members(path: Path, limits: Limits) -> list[zipfile.ZipInfo]:
+def _checked_members(path: Path) -> list[zipfile.ZipInfo]:
     """What of an archive is read; nothing is unpacked.
 
     Raises:
@@ -150,12 +124,12 @@ def checked_members(path: Path, limits: Limits) -> list[zipfile.ZipInfo]:
         with zipfile.ZipFile(path) as opened:
             every = opened.infolist()
         size = path.stat().st_size
-    except (zipfile.BadZipFile, EOFError, ValueError, NotImplementedError, UnicodeDecodeError) as error:
+    except (zipfile.BadZipFile, EOFError, ValueError, NotImplementedError) as error:
         raise InputError(f"{path} is not a ZIP archive, or is damaged ({error}): download it again") from error
     except OSError as error:
         raise InputError(f"{path} cannot be read ({error.strerror}): check the file and its permissions") from error
-    if len(every) > limits.files:
-        raise InputError(f"{path} holds {len(every)} files: expected a texture set, {limits.files} files at most")
+    if len(every) > MOST_FILES:
+        raise InputError(f"{path} holds {len(every)} files: expected a texture set, {MOST_FILES} files at most")
     for member in every:
         _check_place(path, member)
     found = _read_of(every)
@@ -168,7 +142,7 @@ def checked_members(path: Path, limits: Limits) -> list[zipfile.ZipInfo]:
     if any(member.flag_bits & 1 for member in found):
         raise InputError(f"{path} is encrypted: unpack it and give the folder")
     unpacked = sum(member.file_size for member in found)
-    if unpacked > limits.unpacked or unpacked > max(limits.surely_fine, limits.ratio * size):
+    if unpacked > MOST_UNPACKED or unpacked > max(SURELY_FINE, RATIO * size):
         raise InputError(
             f"{path} would grow from {size / 1e6:.1f} MB to {unpacked / 1e9:.1f} GB: no texture set grows so much, so "
             "it is not unpacked; if it is a texture set, unpack it yourself and give the folder"
@@ -197,10 +171,9 @@ def _check_apart(path: Path, members: Sequence[zipfile.ZipInfo]) -> None:
     Some of them do not tell letters apart that differ in case, or in how Unicode composes them.
     """
     places = [PurePosixPath(unicodedata.normalize("NFC", str(_place(each)).casefold())) for each in members]
-    folders = {folder for place in places for folder in place.parents}
-    taken: set[PurePosixPath] = set()
+    taken = {folder for place in places for folder in place.parents}
     for member, place in zip(members, places, strict=True):
-        if place in taken or place in folders:
+        if place in taken:
             raise InputError(f"{path} holds {member.filename!r} twice: unpack it yourself and give the folder")
         taken.add(place)
 
@@ -222,11 +195,11 @@ def _place(member: zipfile.ZipInfo) -> PurePosixPath:
     return PurePosixPath(member.filename.replace("\\", "/"))
 
 
-def unpack(path: Path, members: Sequence[zipfile.ZipInfo], folder: Path) -> None:
+def _unpack(path: Path, members: Sequence[zipfile.ZipInfo], folder: Path) -> None:
     """Writes members of an archive below a folder.
 
     Raises:
-        InputError: one of them is damaged, or larger than the archive tells. OutputError: there is no room.
+        InputError: one of them is damaged, or larger than the archive says. OutputError: there is no room.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -247,14 +220,12 @@ def unpack(path: Path, members: Sequence[zipfile.ZipInfo], folder: Path) -> None
 
 def _unpack_one(path: Path, opened: zipfile.ZipFile, member: zipfile.ZipInfo, folder: Path) -> None:
     place = folder.joinpath(*_place(member).parts)
-    chunks = _chunks(path, opened, member)
     try:
         if not place.resolve().is_relative_to(folder.resolve()):  # whatever the system makes of its name
             raise InputError(f"{path} holds {member.filename!r}, which would lie outside its folder: do not trust it")
         place.parent.mkdir(parents=True, exist_ok=True)
         with place.open("xb") as file:
-            for chunk in chunks:
-                file.write(chunk)
+            file.writelines(_chunks(path, opened, member))
     except OSError as error:
         if error.errno == errno.ENAMETOOLONG:
             raise InputError(
@@ -267,7 +238,7 @@ def _unpack_one(path: Path, opened: zipfile.ZipFile, member: zipfile.ZipInfo, fo
 
 
 def _chunks(path: Path, opened: zipfile.ZipFile, member: zipfile.ZipInfo) -> Iterator[bytes]:
-    """The bytes of a member. InputError where it is damaged, or larger than the archive tells."""
+    """The bytes of a member. InputError where it is damaged, or larger than the archive says."""
     left = member.file_size
     try:
         with opened.open(member) as packed:

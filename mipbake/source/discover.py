@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from mipbake.base import disk
 from mipbake.base.colour import LINEAR, SRGB, canonical_colour_space, default_colour_space, is_linear
 from mipbake.base.errors import InputError
 from mipbake.base.messages import listed
@@ -16,26 +17,15 @@ from mipbake.source.matches import (
     OUTVOTED,
     PREVIEW,
     Match,
-    PathLike,
     choose,
     classified,
     files_of,
-    list_files,
+    name_of,
     take_alpha_as_opacity,
 )
 from mipbake.source.names import colour_space_of
-from mipbake.source.normal import DECIDED_CONFIDENCE, Integrability, Vectors, integrability
-from mipbake.source.options import (
-    CARRIED,
-    COLOUR_ROLES,
-    ORIGINS,
-    ROLES,
-    SCALAR_ROLES,
-    SHADING_ROLES,
-    STRAIGHT,
-    LoadOptions,
-)
-from mipbake.source.sources import DATA, Discovery, IgnoredFile, Log, MapSource, NormalConvention, spoken
+from mipbake.source.options import CARRIED, COLOUR_ROLES, ROLES, SCALAR_ROLES, SHADING_ROLES, STRAIGHT, LoadOptions
+from mipbake.source.sources import DATA, Found, IgnoredFile, Log, MapSource, NormalConvention, source_model, spoken
 from mipbake.source.specular import take_specular
 
 _CONSTANTS: Mapping[str, tuple[float, ...]] = {
@@ -43,55 +33,24 @@ _CONSTANTS: Mapping[str, tuple[float, ...]] = {
     "normal": (0.0, 0.0, 1.0),
     "metallic": (0.0,),
 }
-_TOLD = (*ORIGINS, "name")
-"""What decides a normal convention without a look at pixels."""
 
 
-def settle_convention(found: Discovery, vectors: Vectors, flat: bool) -> Discovery:
-    """The discovery with its normal convention checked against, or decided by, `tiles` of its normals as stored.
-
-    `flat` says that all normals are the same: then there is nothing to tell.
-    """
-    source, convention = found.sources["normal"], found.convention
-    if source.path is None:
-        return found
-    test: Integrability = integrability(vectors)
-    label = source.path.name
-    if convention.decided_by in _TOLD:
-        if test.decided and test.convention != convention.name:
-            origin = "its name says" if convention.decided_by == "name" else f"the {convention.decided_by} says"
-            warning = (
-                f"{label}: {origin} {spoken(convention.name)}, but the curl of its slopes looks like "
-                f"{spoken(test.convention)} (confidence {test.confidence:.2f})"
-            )
-            return replace(found, warnings=(*found.warnings, warning))
-        return found
-    if flat:
-        return replace(found, convention=NormalConvention("opengl", "flat", 1.0))
-    if test.decided:
-        note = f"{label}: {spoken(test.convention)} by the curl of its slopes (confidence {test.confidence:.2f})"
-        decided = NormalConvention(test.convention, "pixels", test.confidence)
-        return replace(found, convention=decided, notes=(*found.notes, note))
-    warning = (
-        f"{label}: neither its name nor the curl of its slopes (confidence {test.confidence:.2f}, {DECIDED_CONFIDENCE} "
-        "needed) tells OpenGL from DirectX; OpenGL is assumed, set the normal convention if that is wrong"
-    )
-    decided = NormalConvention("opengl", "assumed", test.confidence)
-    return replace(found, convention=decided, warnings=(*found.warnings, warning))
-
-
-def find(path: PathLike | Iterable[PathLike], options: LoadOptions) -> Discovery:
-    """What `load` would read, from names and headers. A convention that no name tells stays assumed, with confidence 0.
+def find(files: Sequence[Path], options: LoadOptions) -> Found:
+    """What the files of one set are, from names and headers; `mipbake.source.texture_set.read` reads it. A normal
+    convention that no name says stays assumed, with confidence 0.
 
     Args:
-        path: a folder, or the files of one set.
-        options: choices that override what names say.
+        files: of the set, whatever they are. options: choices that override what names say.
 
     Raises:
         InputError: there is no usable set. UsageError: an option names what does not exist.
     """
-    name, folder, files = list_files(path)
-    name = options.name or name
+    if not files:
+        raise InputError("no files were given: expected the maps of one texture set")
+    for file in files:
+        if not disk.is_file(file):
+            raise InputError(f"{file} is not a file: expected the maps of one texture set")
+    folder = files[0].parent
     matches, ignored = classified(files, options)
     log = Log()
     chosen = choose(matches, folder, options, log)
@@ -108,21 +67,22 @@ def find(path: PathLike | Iterable[PathLike], options: LoadOptions) -> Discovery
     for role, value in _CONSTANTS.items():
         if role not in sources:
             sources[role] = _constant(role, value)
-            _tell_constant(role, value, options, unread, log)
+            _log_constant(role, value, options, unread, log)
     carried = _carried(sources, {c.header.path: c.header for c in chosen.values()}, log)
     used = {s.path for s in sources.values()}
     ignored += [IgnoredFile(p, OUTVOTED) for p in files_of(matches)]
     width, height = _common_size([s for r, s in sources.items() if r in SHADING_ROLES], log)
-    return Discovery(
-        name,
-        {r: sources[r] for r in ROLES if r in sources} | carried,
+    convention = _named_convention(sources["normal"], options, log)
+    return Found(
+        options.name or name_of(folder),
         width,
         height,
-        _named_convention(sources["normal"], options, log),
-        tuple(sorted((i for i in ignored if i.path not in used), key=lambda i: i.path.name)),
+        source_model("anisotropy" in sources),
+        {r: sources[r] for r in ROLES if r in sources} | carried,
+        convention,
         tuple(log.notes),
         tuple(log.warnings),
-        options,
+        tuple(sorted((i for i in ignored if i.path not in used), key=lambda i: i.path.name)),
     )
 
 
@@ -295,7 +255,7 @@ def _check_colour(
     )
 
 
-def _tell_constant(
+def _log_constant(
     role: str, value: Sequence[float], options: LoadOptions, unread: Sequence[IgnoredFile], log: Log
 ) -> None:
     """Says what stands for a map that is not there, as a warning where nobody has said that it is meant."""

@@ -13,6 +13,7 @@ from mipbake.base import disk
 from mipbake.base.errors import InputError
 from mipbake.source.archives import GLTF, MATERIALX, SUFFIX
 from mipbake.source.images.read import IMAGE_SUFFIXES
+from mipbake.source.matches import files_of_folder, is_textures
 from mipbake.source.names import interpretations
 from mipbake.source.tiles import is_pattern, tiles_of
 
@@ -134,18 +135,13 @@ def _could_be_input(path: Path) -> bool:
         if not disk.is_dir(path):
             return path.suffix.lower() in (*GLTF, MATERIALX, SUFFIX, *IMAGE_SUFFIXES)
         files = disk.files_in(path)
-        textures = any(p.name.lower() == "textures" for p in disk.folders_in(path))
+        textures = any(map(is_textures, disk.folders_in(path)))
     except InputError:  # its turn will say what is wrong
         return True
     return textures or not files or any(p.suffix.lower() in IMAGE_SUFFIXES for p in files)
 
 
 def _holds_tiles(folder: Path) -> bool:
-    """Whether maps of a folder, or of the `textures` folder inside where it has none itself, are tiles."""
-    maps = [p for p in disk.files_in(folder) if p.suffix.lower() in IMAGE_SUFFIXES]
-    if not maps:
-        textures = [p for p in disk.folders_in(folder) if p.name.lower() == "textures"]
-        return bool(textures) and _holds_tiles(textures[0])
-    tiles = tiles_of(maps)
-    # Numbers in the names of other pictures, years for one, are not tiles.
+    """Whether maps of a folder are tiles. Numbers in the names of other pictures, years for one, are not tiles."""
+    tiles = tiles_of(file for file in files_of_folder(folder) if file.suffix.lower() in IMAGE_SUFFIXES)
     return any(interpretations(file.stem) for files in tiles.values() for file in files)

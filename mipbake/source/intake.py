@@ -12,7 +12,7 @@ from mipbake.base import disk
 from mipbake.base.errors import InputError, UsageError
 from mipbake.base.messages import listed
 from mipbake.base.safe_names import safe_name
-from mipbake.source.archives import GLTF, LIMITS, MATERIALX, Limits, Shelf
+from mipbake.source.archives import GLTF, MATERIALX, Shelf
 from mipbake.source.gltf.document import Document, read_document
 from mipbake.source.gltf.images import image_files
 from mipbake.source.gltf.materials import read_materials
@@ -20,17 +20,17 @@ from mipbake.source.gltf.specular_glossiness import without_specular_glossiness
 from mipbake.source.images.read import IMAGE_SUFFIXES
 from mipbake.source.inputs import expand, kind
 from mipbake.source.jobs import Failure, Job, SetFiles, with_names_apart
-from mipbake.source.matches import is_map, is_textures, name_of, refuse_baked
+from mipbake.source.matches import files_of_folder, is_map, is_textures, name_of, refuse_baked
 from mipbake.source.mtlx.materials import MtlxMaterials, read_materialx
 from mipbake.source.options import LoadOptions
-from mipbake.source.split import Division, divided, resolved
+from mipbake.source.split import divided, resolved
 from mipbake.source.tiles import is_pattern, pattern_files, text_of, tile_options, tiles_of
 from mipbake.source.udim import islands
 
 
-def jobs(sources: Sequence[str], options: LoadOptions, scratch: Path, limits: Limits = LIMITS) -> list[Job | Failure]:
-    """What is to be baked, in order; a source that cannot be read does not keep others from it. All commands and
-    `mipbake.load_all` read what they are given through here.
+def jobs(sources: Sequence[str], options: LoadOptions, scratch: Path) -> list[Job | Failure]:
+    """What is to be baked, in order; a source that cannot be read does not keep others from it. All commands,
+    `mipbake.load` and `mipbake.load_all` read what they are given through here.
 
     No two results have one name: sets of one name are also called after the folders around them.
 
@@ -38,13 +38,12 @@ def jobs(sources: Sequence[str], options: LoadOptions, scratch: Path, limits: Li
         sources: paths, globs, `@FILE` for a list of paths, `@-` for one on the standard input.
         options: how sets are read; documents say that themselves. Names of files in `maps` may be patterns with *.
         scratch: an empty folder for images that lie within documents and archives, as long as jobs are read.
-        limits: how large archives may be.
 
     Raises:
         InputError: a list or a glob that stands for nothing.
     """
     found: list[Job | Failure] = []
-    shelf = Shelf(scratch, limits)
+    shelf = Shelf(scratch)
     for index, path in enumerate(expand(sources)):
         found += _attempted(path, partial(_jobs_of, path, options, scratch / str(index), shelf))
     return with_names_apart(found)
@@ -80,33 +79,39 @@ def _jobs_of(path: Path, options: LoadOptions, scratch: Path, shelf: Shelf) -> S
         return _materialx(path, read_materialx(path), options)
     if what == "gltf":
         return _gltf(path, read_document(path), options, scratch)
-    if path.is_dir():
-        refuse_baked(path)  # tiles of a stack are tiles as well
-    if what == "udim":
-        files = list(pattern_files(path).values()) if is_pattern(path) else _files(path)
-        return _tiled(path, files, options)
-    return _folder(path, options) if what == "folder" else [Job(path, {0: SetFiles(path, options)})]
+    if what == "file":
+        raise InputError(f"{path} is a file: expected a folder with the maps of one texture set")
+    if is_pattern(path):
+        return _groups(path, list(pattern_files(path).values()), options, _by_pattern(path, options))
+    refuse_baked(path)  # tiles of a stack are tiles as well
+    files = files_of_folder(path)
+    if not files:
+        folders = disk.folders_in(path)
+        held = "holds folders but no files" if folders else "is empty"
+        meant = f", did you mean {listed(folders)}?" if folders else ""
+        raise InputError(f"{path} {held}: expected the maps of one texture set{meant}")
+    refuse_baked(files[0].parent)
+    return _tiled(path, files, options) if what == "udim" else _folder(path, files, options)
 
 
 def _archived(path: Path, options: LoadOptions, scratch: Path, shelf: Shelf) -> list[Job | Failure]:
     """The jobs of an archive: of every document inside, and of every folder that holds maps of no document."""
     archive = shelf.archive(path, f"{scratch.name}/archive")
 
-    def told(made: Job | Failure) -> Job | Failure:
+    def named(made: Job | Failure) -> Job | Failure:
         """With the archive in place of the folder that it is unpacked to."""
-        source = Path(archive.told(str(made.source))) if made.source.is_file() else path
+        source = Path(archive.renamed(str(made.source))) if made.source.is_file() else path
         if isinstance(made, Failure):
             return Failure(source, type(made.error)(archive.about(made.error)))
-        notes, warnings = (tuple(map(archive.told, sentences)) for sentences in (made.notes, made.warnings))
-        parts = {tile: replace(part, archive=archive) for tile, part in made.parts.items()}
-        return replace(made, source=source, parts=parts, notes=notes, warnings=warnings)
+        notes, warnings = (tuple(map(archive.renamed, sentences)) for sentences in (made.notes, made.warnings))
+        return replace(made, source=source, archive=archive, notes=notes, warnings=warnings)
 
-    return archive.using(lambda: [told(made) for made in _unpacked(archive.folder, options, scratch, shelf)])
+    return archive.using(lambda: [named(made) for made in _unpacked(archive.folder, options, scratch, shelf)])
 
 
 def _unpacked(root: Path, options: LoadOptions, scratch: Path, shelf: Shelf) -> list[Job | Failure]:
     """The jobs of an unpacked archive. What a document says of its textures holds, so their folder is no source; but
-    names are enough where they tell a set beside a MaterialX document, as in downloads that hold both.
+    names are enough where they say all of a set beside a MaterialX document, as in downloads that hold both.
     """
     files = sorted(path for path in root.rglob("*") if path.is_file())
     images: dict[Path, list[Path]] = {}
@@ -134,7 +139,7 @@ def _unpacked(root: Path, options: LoadOptions, scratch: Path, shelf: Shelf) -> 
         made += _attempted(file, partial(gltf, file, scratch / str(index)))
     for file in _with_suffix(files, (MATERIALX,)):
         beside = images.get(file.parent, [])
-        if beside and taken.isdisjoint(beside) and _are_told(sets(file.parent)):
+        if beside and taken.isdisjoint(beside) and _are_complete(sets(file.parent)):
             notes[file.parent] = f"{file.name} is left out: the names of the maps beside it say what they are"
         else:
             taken.update(beside)
@@ -142,15 +147,12 @@ def _unpacked(root: Path, options: LoadOptions, scratch: Path, shelf: Shelf) -> 
     images = {folder: inside for folder, inside in images.items() if taken.isdisjoint(inside)}
     with_maps = [folder for folder, inside in images.items() if any(map(is_map, inside))]
     for folder in with_maps or ([] if made else images):
-        first, *others = sets(folder)
-        if isinstance(first, Job) and folder in notes:
-            first = replace(first, notes=(*first.notes, notes[folder]))
-        made += [first, *others]
+        made += _noted(sets(folder), [notes[folder]] if folder in notes else [])
     return made
 
 
-def _are_told(found: Sequence[Job | Failure]) -> bool:
-    """Whether nothing is missing in what names tell of a folder."""
+def _are_complete(found: Sequence[Job | Failure]) -> bool:
+    """Whether nothing is missing in what names say of a folder."""
     try:
         return all(isinstance(job, Job) and job.found() for job in found)
     except InputError:
@@ -166,62 +168,59 @@ def _normal(path: Path) -> Path:
     return Path(os.path.normpath(path))
 
 
-def _folder(path: Path, options: LoadOptions) -> list[Job | Failure]:
+def _noted(
+    made: Sequence[Job | Failure], notes: Sequence[str], warnings: Sequence[str] = ()
+) -> Sequence[Job | Failure]:
+    """Jobs, the first of which says what holds for all of them."""
+    first = next((index for index, job in enumerate(made) if isinstance(job, Job)), -1)
+    return [
+        replace(job, notes=(*notes, *job.notes), warnings=(*warnings, *job.warnings))
+        if isinstance(job, Job) and index == first
+        else job
+        for index, job in enumerate(made)
+    ]
+
+
+def _folder(path: Path, files: Sequence[Path], options: LoadOptions) -> Sequence[Job | Failure]:
     """The job of a folder, or the jobs of the several sets in it."""
-    files = _files(path)
-    division = divided(files, options)
-    if division is None:
-        return [Job(path, {0: SetFiles(path, resolved(options, files, str(path)))})]
+    sets = divided(files, options)
+    if not sets:
+        return [Job(path, {0: files_of_set(tuple(files), options, str(path))})]
     if options.name is not None:
-        names = listed(part.name or path.name for part in division.parts)
-        raise UsageError(f"{path} holds {len(division.parts)} texture sets, {names}: leave the name out")
+        names = listed(name or path.name for name in sets)
+        raise UsageError(f"{path} holds {len(sets)} texture sets, {names}: leave the name out")
+    return _several(path, files, sets, options, lambda *own: [Job(path, {0: files_of_set(*own)})])
+
+
+def _several(
+    path: Path,
+    files: Sequence[Path],
+    sets: Mapping[str, tuple[Path, ...]],
+    options: LoadOptions,
+    jobs_of: Callable[[tuple[Path, ...], LoadOptions, str], Sequence[Job]],
+) -> Sequence[Job | Failure]:
+    """The jobs of several sets in a folder, each from its files, its options and its name; one that cannot be read does
+    not keep others from it."""
     made: list[Job | Failure] = []
-    for part in division.parts:
-        named = part.name or name_of(path)
-        try:
-            own = replace(options, name=safe_name(named, "texture_set"))
-            made.append(Job(path, {0: files_of_set(part.files, own, named)}))
-        except InputError as error:
-            made.append(Failure(path, error))
-    return _told_of_division(made, path, division)
-
-
-def _told_of_division(made: list[Job | Failure], path: Path, division: Division) -> list[Job | Failure]:
-    """The jobs of several sets; the first says what the folder holds."""
-    names = [part.name or name_of(path) for part in division.parts]
+    names = [name or name_of(path) for name in sets]
+    for name, own in zip(names, sets.values(), strict=True):
+        asked = replace(options, name=safe_name(name, "texture_set"))
+        made += _attempted(path, partial(jobs_of, own, asked, name))
+    taken = {file for own in sets.values() for file in own}
+    left = [file.name for file in _with_suffix(files, IMAGE_SUFFIXES) if file not in taken]
     note = f"{path} holds {len(names)} texture sets: {listed(names)}"
-    left = tuple(f"{file.name} belongs to none of the sets, and is left out" for file in division.left_out)
-    first = next((index for index, job in enumerate(made) if isinstance(job, Job)), None)
-    if first is not None:
-        job = made[first]
-        if isinstance(job, Job):
-            made[first] = replace(job, notes=(note, *job.notes), warnings=(*left, *job.warnings))
-    return made
+    return _noted(made, [note], [f"{name} belongs to none of the sets, and is left out" for name in left])
 
 
-def _files(folder: Path) -> list[Path]:
-    """Files of a folder, or of the `textures` folder inside."""
-    files = disk.files_in(folder)
-    if tiles_of(files):
-        return files
-    if any(is_map(file) for file in files):
-        return files
-    inner = [p for p in disk.folders_in(folder) if is_textures(p)]
-    return _files(inner[0]) if inner else files
-
-
-def _tiled(path: Path, files: Sequence[Path], options: LoadOptions) -> list[Job | Failure]:
-    """A job for every group of tiles that touch, of every set."""
-    if is_pattern(path):
-        return list(_groups(path, files, options, _by_pattern(path, options)))
-    division = _divided_tiles(tiles_of(files), options)
-    if division is None:
-        return list(_groups(path, files, options, tiles_of(files)))
-    made: list[Job | Failure] = []
-    for part in division.parts:
-        own = replace(options, name=safe_name(part.name or name_of(path), "texture_set"))
-        made += _groups(path, part.files, own, tiles_of(part.files))
-    return _told_of_division(made, path, division)
+def _tiled(path: Path, files: Sequence[Path], options: LoadOptions) -> Sequence[Job | Failure]:
+    """A job for every group of tiles that touch, of every set in a folder."""
+    found = tiles_of(files)
+    sets = _divided_tiles(found, options)
+    if not sets:
+        return _groups(path, files, options, found)
+    of_tiles = [file for several in found.values() for file in several]
+    groups = partial(_groups, path)
+    return _several(path, of_tiles, sets, options, lambda own, asked, _: groups(own, asked, tiles_of(own)))
 
 
 def _groups(path: Path, files: Sequence[Path], options: LoadOptions, found: Mapping[int, Sequence[Path]]) -> list[Job]:
@@ -237,7 +236,7 @@ def _groups(path: Path, files: Sequence[Path], options: LoadOptions, found: Mapp
     return made
 
 
-def _divided_tiles(found: Mapping[int, Sequence[Path]], options: LoadOptions) -> Division | None:
+def _divided_tiles(found: Mapping[int, Sequence[Path]], options: LoadOptions) -> Mapping[str, tuple[Path, ...]]:
     """The several sets that tiles are of."""
     tiles = {file: text_of(file.name, tile) for tile, several in found.items() for file in several}
     return divided(list(tiles), options, tiles)
@@ -245,13 +244,11 @@ def _divided_tiles(found: Mapping[int, Sequence[Path]], options: LoadOptions) ->
 
 def _by_pattern(path: Path, options: LoadOptions) -> dict[int, list[Path]]:
     """All maps of the tiles whose folder a pattern names, for the set that the pattern belongs to."""
-    folder = path.parent
     wanted = pattern_files(path)
-    every = tiles_of(disk.files_in(folder))
-    division = _divided_tiles(every, options)
-    for part in () if division is None else division.parts:
-        if all(file in part.files for file in wanted.values()):
-            every = tiles_of(part.files)
+    every = tiles_of(disk.files_in(path.parent))
+    for own in _divided_tiles(every, options).values():
+        if all(file in own for file in wanted.values()):
+            every = tiles_of(own)
     return {tile: list(every.get(tile, [file])) for tile, file in wanted.items()}
 
 
@@ -265,18 +262,15 @@ def _gltf(path: Path, read: Document, options: LoadOptions, scratch: Path) -> li
     _check_no_options(path, options)
     (scratch / "converted").mkdir(parents=True)
     converted = without_specular_glossiness(read, scratch / "converted")
-    document = converted.document
     (scratch / "images").mkdir()
-    found = read_materials(document, scratch / "images")
-    place = safe_name(path.stem, "document")
+    found = read_materials(converted.document, scratch / "images")
+    about = {"place": safe_name(path.stem, "document"), "document": converted.document, "plain": found.plain}
     made = [
-        Job(path, {0: SetFiles(b.files, b.options)}, b.notes, b.warnings, place, document, b, found.plain)
-        for b in found.bakes
+        Job(path, {0: SetFiles(bake.files, bake.options)}, bake.notes, bake.warnings, bake=bake, **about)
+        for bake in found.bakes
     ]
-    notes = (*converted.notes, *found.notes, *made[0].notes)
-    warnings = (*converted.warnings, *found.warnings, *made[0].warnings)
-    made[0] = replace(made[0], notes=notes, warnings=warnings)
-    return [*made, *(Failure(path, InputError(error)) for error in (*converted.errors, *found.errors))]
+    noted = _noted(made, (*converted.notes, *found.notes), (*converted.warnings, *found.warnings))
+    return [*noted, *(Failure(path, InputError(error)) for error in (*converted.errors, *found.errors))]
 
 
 def _materialx(path: Path, found: MtlxMaterials, options: LoadOptions) -> list[Job | Failure]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -18,8 +18,8 @@ from mipbake.source.gltf.materials import GltfBake
 from mipbake.source.gltf.plain import PlainTexture
 from mipbake.source.matches import name_of
 from mipbake.source.options import LoadOptions
-from mipbake.source.sources import Discovery
-from mipbake.source.texture_set import TextureSet, load
+from mipbake.source.sources import Found
+from mipbake.source.texture_set import TextureSet, read
 from mipbake.source.tiles import name_with
 from mipbake.source.udim import CLAMPED, Mosaic, mosaics
 
@@ -28,27 +28,15 @@ _T = TypeVar("_T")
 
 @dataclass(frozen=True)
 class SetFiles:
-    """What `load` reads one texture set from, and the archive that the files lie in."""
+    """The files of one texture set, and how they are read."""
 
-    files: Path | tuple[Path, ...]
+    files: tuple[Path, ...]
     options: LoadOptions
-    archive: Archive | None = None
 
     @property
     def name(self) -> str:
         """Name of the texture set; nothing is read."""
-        return self.options.name or name_of(self.files)
-
-    def find(self) -> Discovery:
-        """What would be read. InputError where it cannot be."""
-        return self._using(lambda: find(self.files, self.options))
-
-    def load(self) -> TextureSet:
-        """The texture set. InputError where it cannot be read."""
-        return self._using(lambda: load(self.files, self.options))
-
-    def _using(self, read: Callable[[], _T]) -> _T:
-        return read() if self.archive is None else self.archive.using(read)
+        return self.options.name or name_of(self.files[0].parent)
 
 
 @dataclass(frozen=True)
@@ -60,6 +48,7 @@ class Job:
         parts: tile number to what it is read from; a single part without a number (0) for sets that are not tiles.
         notes, warnings: what was found in the source, in sentences.
         place: folder of the result's folder, relative to the folder of all results.
+        archive: that the files lie in; None where they are not in one.
         document, bake: the document of a glTF source, and which of its bakes this is. plain: all its averaged textures.
     """
 
@@ -68,6 +57,7 @@ class Job:
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     place: str = ""
+    archive: Archive | None = None
     document: Document | None = None
     bake: GltfBake | None = None
     plain: tuple[PlainTexture, ...] = ()
@@ -78,9 +68,14 @@ class Job:
         return 0 not in self.parts
 
     @property
-    def archive(self) -> Archive | None:
-        """The archive that it lies in."""
-        return next(iter(self.parts.values())).archive
+    def name(self) -> str:
+        """Name of its texture set, or of the set that its tiles are of; nothing is read."""
+        return next(iter(self.parts.values())).name
+
+    @property
+    def names(self) -> dict[int, str]:
+        """What the texture sets will be called, by tile; nothing is read."""
+        return {tile: name_with(part.name, tile) if tile else part.name for tile, part in self.parts.items()}
 
     def using(self, read: Callable[[], _T]) -> _T:
         """What is read of the files that its document refers to, which may lie in an archive."""
@@ -90,51 +85,64 @@ class Job:
         """Errors of the block name the archive that it lies in, not the folder that it is unpacked to."""
         return nullcontext() if self.archive is None else self.archive.naming()
 
-    @property
-    def names(self) -> dict[int, str]:
-        """What the texture sets will be called, by tile; nothing is read."""
-        return {tile: name_with(part.name, tile) if tile else part.name for tile, part in self.parts.items()}
+    def named(self, found: Found) -> Found:
+        """The same with paths that begin with the path of the archive, where the files lie in one."""
+        archive = self.archive
+        if archive is None:
+            return found
+        maps = {r: replace(s, path=Path(archive.renamed(str(s.path)))) if s.path else s for r, s in found.maps.items()}
+        ignored = tuple(replace(each, path=Path(archive.renamed(str(each.path)))) for each in found.ignored)
+        return replace(found, maps=maps, ignored=ignored)
+
+    def find(self, tile: int) -> Found:
+        """What one part is; nothing is decoded. InputError where it cannot be read."""
+        return self._part(tile, lambda part: find(part.files, part.options))
+
+    def found(self) -> dict[int, Found]:
+        """What all parts are, by tile. InputError where one cannot be read."""
+        return {tile: self.find(tile) for tile in self.parts}
+
+    def read_tile(self, tile: int) -> TextureSet:
+        """The texture set of one part, clamped where it is a tile. InputError where it cannot be read."""
+        return replace(self._read(tile), name=self.names[tile])
 
     def sets(self) -> Iterator[TextureSet]:
         """The texture sets, one after the other. InputError where one cannot be read."""
         return (self.read_tile(tile) for tile in self.parts)
 
-    def read_tile(self, tile: int) -> TextureSet:
-        """The texture set of one part, clamped where it is a tile. InputError where it cannot be read."""
-        alone = _of_tile(tile, self.parts[tile].load)
-        return replace(alone, wrap=CLAMPED, name=self.names[tile]) if tile else alone
-
-    def found(self) -> dict[int, Discovery]:
-        """What would be read, by tile. InputError where it cannot."""
-        return {tile: _of_tile(tile, part.find) for tile, part in self.parts.items()}
-
-    def read(self, change: Callable[[TextureSet], TextureSet] = lambda each: each) -> list[Read]:
+    def read(self, change: Callable[[TextureSet], TextureSet] = lambda each: each) -> list[Mosaic]:
         """What is baked, every texture set changed as it is wanted: tiles that differ in size are baked one size after
         the other. InputError where it cannot be read."""
-        if list(self.parts) == [0]:
-            alone = change(self.parts[0].load())
-            return [Read({0: alone}, alone)]
-        # Their borders meet other tiles, not their own other sides.
-        sets = {tile: change(replace(_of_tile(tile, p.load), wrap=CLAMPED)) for tile, p in self.parts.items()}
-        return [
-            Read({n: replace(sets[n], name=tile.name) for n, tile in each.tiles.items()}, each.texture_set, each)
-            for each in mosaics(sets)
-        ]
+        sets = {tile: change(self._read(tile)) for tile in self.parts}
+        return mosaics(sets) if self.tiled else [Mosaic(sets[0], sets)]
 
+    def _read(self, tile: int) -> TextureSet:
+        made = self._part(tile, lambda part: read(find(part.files, part.options), part.options))
+        return replace(made, wrap=CLAMPED) if tile else made  # its borders meet other tiles, not its own other sides
 
-@dataclass(frozen=True, eq=False)
-class Read:
-    """What is baked at once.
+    def _part(self, tile: int, act: Callable[[SetFiles], _T]) -> _T:
+        """What is made of a part; an InputError says which tile it is about."""
+        try:
+            return self.using(lambda: act(self.parts[tile]))
+        except InputError as error:
+            if not tile:
+                raise
+            raise InputError(f"tile {tile}: {error}") from error
 
-    Args:
-        sets: texture sets by tile.
-        texture_set: what is baked: the only one, or all tiles side by side.
-        mosaic: where the tiles lie in it.
-    """
+    @property
+    def top(self) -> str:
+        """What its result, or that of its document, is called in the folder of all results."""
+        return self.place or self.name
 
-    sets: Mapping[int, TextureSet]
-    texture_set: TextureSet
-    mosaic: Mosaic | None = field(default=None)
+    def renamed(self, name: str, note: str) -> Job:
+        """The same with another name in the folder of all results; `note` says why."""
+        if name == self.top:
+            return self
+        notes = (*self.notes, note)
+        if self.place:
+            return replace(self, place=name, notes=notes)
+        parts = {tile: replace(part, options=replace(part.options, name=name)) for tile, part in self.parts.items()}
+        return replace(self, parts=parts, notes=notes)
 
 
 @dataclass(frozen=True)
@@ -149,43 +157,28 @@ def with_names_apart(found: Sequence[Job | Failure]) -> list[Job | Failure]:
     """The same jobs, no two results of one name: jobs that would share a name are also called after the folder around
     their source, or numbered where that folder is the same.
     """
-    tops: dict[str, dict[object, Job]] = {}
+    groups: dict[str, dict[object, list[int]]] = {}
     for index, job in enumerate(found):
         if isinstance(job, Job):
-            tops.setdefault(_top(job).casefold(), {}).setdefault(_unit(job, index), job)
-    taken = set(tops)
-    renamed: dict[object, tuple[str, str]] = {}
-    for units in tops.values():
+            groups.setdefault(job.top.casefold(), {}).setdefault(_unit(job, index), []).append(index)
+    taken = set(groups)
+    made = list(found)
+    for units in groups.values():
         if len(units) < 2:
             continue
-        told = listed(dict.fromkeys(str(job.source) for job in units.values()))
-        around = {
-            unit: f"{job.source.resolve().parent.name.removesuffix(SUFFIX)}_{_top(job)}" for unit, job in units.items()
-        }
-        apart = len({name.casefold() for name in around.values()}) == len(units)
-        for unit, job in units.items():
-            name = unique_name(around[unit], "texture_set", taken) if apart else _top(job)
-            if not apart and job is not next(iter(units.values())):
-                name = unique_name(_top(job), "texture_set", taken)
-            renamed[unit] = (name, f"it is called {name} here, because several are called {_top(job)}: {told}")
-    made: list[Job | Failure] = []
-    for index, job in enumerate(found):
-        if not isinstance(job, Job) or _unit(job, index) not in renamed:
-            made.append(job)
-            continue
-        name, note = renamed[_unit(job, index)]
-        notes = (*job.notes, note) if name != _top(job) else job.notes
-        if job.place:
-            made.append(replace(job, place=name, notes=notes))
-            continue
-        parts = {tile: replace(part, options=replace(part.options, name=name)) for tile, part in job.parts.items()}
-        made.append(replace(job, parts=parts, notes=notes))
+        jobs = [[job for i in unit if isinstance(job := found[i], Job)] for unit in units.values()]
+        around = [f"{job.source.resolve().parent.name.removesuffix(SUFFIX)}_{job.top}" for job, *_ in jobs]
+        apart = len({name.casefold() for name in around}) == len(units)
+        sources = listed(dict.fromkeys(str(job.source) for job, *_ in jobs))
+        for number, unit in enumerate(units.values()):
+            top = jobs[number][0].top
+            name = around[number] if apart else top
+            if apart or number:
+                name = unique_name(name, "texture_set", taken)
+            note = f"it is called {name} here, because several are called {top}: {sources}"
+            for index, job in zip(unit, jobs[number], strict=True):
+                made[index] = job.renamed(name, note)
     return made
-
-
-def _top(job: Job) -> str:
-    """What the result of a job, or of its document, is called in the folder of all results."""
-    return job.place or next(iter(job.parts.values())).name
 
 
 def _unit(job: Job, index: int) -> object:
@@ -194,15 +187,4 @@ def _unit(job: Job, index: int) -> object:
         return job.source, job.place
     if not job.tiled:
         return index
-    files = next(iter(job.parts.values())).files
-    return job.source, _top(job), files.parent if isinstance(files, Path) else files[0].parent
-
-
-def _of_tile(tile: int, read: Callable[[], _T]) -> _T:
-    """What is read of a part; an InputError says which tile it is about."""
-    try:
-        return read()
-    except InputError as error:
-        if not tile:
-            raise
-        raise InputError(f"tile {tile}: {error}") from error
+    return job.source, job.name, next(iter(job.parts.values())).files[0].parent

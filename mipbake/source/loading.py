@@ -5,16 +5,17 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, TypeAlias
 
 from mipbake.base.errors import InputError
 from mipbake.base.messages import listed
 from mipbake.base.publish import temporary_folder
-from mipbake.source import texture_set
+from mipbake.source.discover import find
 from mipbake.source.intake import jobs
 from mipbake.source.jobs import Failure, Job
-from mipbake.source.options import LoadOptions
-from mipbake.source.texture_set import TextureSet, with_overrides
+from mipbake.source.options import LoadOptions, with_overrides
+from mipbake.source.texture_set import TextureSet, read
 
 PathLike: TypeAlias = "str | os.PathLike[str]"
 
@@ -41,9 +42,9 @@ def load(
         UsageError: an option does not exist or has a value it cannot have.
         OutputError: there is no room for temporary files.
     """
-    if not isinstance(source, (str, os.PathLike)):
-        return texture_set.load(source, options, **overrides)
     asked = with_overrides(options or LoadOptions(), overrides)
+    if not isinstance(source, (str, os.PathLike)):
+        return read(find([*dict.fromkeys(map(Path, source))], asked), asked)
     with temporary_folder() as scratch:
         found = jobs([os.fspath(source)], asked, scratch)
         several = [name for job in found if isinstance(job, Job) for name in job.names.values()]

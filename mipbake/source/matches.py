@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 from mipbake.base import disk
 from mipbake.base.errors import InputError, UsageError
 from mipbake.base.json_text import parsed
-from mipbake.base.messages import listed
 from mipbake.base.safe_names import safe_name
 from mipbake.material import GLTF_MODELS
 from mipbake.source.images.image import Header
@@ -21,8 +20,6 @@ from mipbake.source.layout import MATERIAL_MANIFEST, MATERIAL_SCHEMA, SCHEMA, ma
 from mipbake.source.names import Meaning, asset_words, classify, interpretations
 from mipbake.source.options import CUSTOM, ROLES, SCALAR_ROLES, LoadOptions
 from mipbake.source.sources import IgnoredFile, Log, spoken
-
-PathLike: TypeAlias = "str | os.PathLike[str]"
 
 OUTVOTED = "another file fills its roles"
 NO_ROLE = "its name says no role"
@@ -40,49 +37,20 @@ class Match:
     reason: str
 
 
-def _name_of(folder: Path) -> str:
-    """The name of a set: the name of its folder, or of the folder around a `textures` folder."""
+def name_of(folder: Path) -> str:
+    """The name of a set: the name of its folder, or of the folder around a `textures` folder; nothing is read."""
     resolved = disk.resolved(folder)
-    name = resolved.parent.name if resolved.name.lower() == "textures" else ""
+    name = resolved.parent.name if is_textures(resolved) else ""
     return safe_name(name or resolved.name, "texture_set")
 
 
-def name_of(files: Path | Sequence[Path]) -> str:
-    """What a set is called that is read from a folder, or from these files; nothing is read."""
-    return _name_of(files if isinstance(files, Path) else files[0].parent)
-
-
-def list_files(path: PathLike | Iterable[PathLike]) -> tuple[str, Path, list[Path]]:
-    """Name, folder and files of a set; the files of a `textures` folder inside where the folder itself has none."""
-    if not isinstance(path, (str, os.PathLike)):
-        files = list(dict.fromkeys(Path(p) for p in path))
-        if not files:
-            raise InputError("no files were given: expected the maps of one texture set")
-        for file in files:
-            if not disk.is_file(file):
-                raise InputError(f"{file} is not a file: expected the maps of one texture set")
-        return _name_of(files[0].parent), files[0].parent, files
-    folder = Path(path)
-    if not disk.exists(folder):
-        raise InputError(f"{folder} does not exist: expected a folder with the maps of one texture set")
-    if not disk.is_dir(folder):
-        raise InputError(f"{folder} is a file: expected a folder with the maps of one texture set")
-    refuse_baked(folder)
+def files_of_folder(folder: Path) -> list[Path]:
+    """The files of a folder, or of the `textures` folder inside where there is no map in the folder itself."""
     files = disk.files_in(folder)
-    if not any(is_map(f) for f in files):
-        inner = [d for d in disk.folders_in(folder) if is_textures(d)]
-        if inner:
-            refuse_baked(inner[0])
-            return _name_of(folder), inner[0], disk.files_in(inner[0])
-    if not files:
-        folders = disk.folders_in(folder)
-        if folders:
-            raise InputError(
-                f"{folder} holds folders but no files: expected the maps of one texture set, did you mean "
-                f"{listed(folders)}?"
-            )
-        raise InputError(f"{folder} is empty: expected the maps of one texture set")
-    return _name_of(folder), folder, files
+    if any(is_map(file) for file in files):
+        return files
+    inner = next((each for each in disk.folders_in(folder) if is_textures(each)), None)
+    return files if inner is None else files_of_folder(inner)
 
 
 def refuse_baked(folder: Path) -> None:

@@ -1,10 +1,15 @@
-"""Normal maps: decoding, the checks that tell them from other maps, and the integrability test of their convention."""
+"""Normal maps: decoding, the checks that tell them from other maps, the test of their convention, and their holes.
+
+A tangent-space normal has a height z above 0. Exporters and compression leave a few that have not, or none at all, and
+one of them is enough: its slope is without bound, so the mean slope of a pixel is its own, and rules that add up the
+variance of slopes make the pixel as rough as can be, and dark. Such a texel says nothing but that it is broken.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +19,10 @@ from numpy.typing import NDArray
 from mipbake.base import memory
 from mipbake.base.colour import unit_range
 from mipbake.base.errors import InputError
+from mipbake.material import MIN_NORMAL_Z
 
 Vectors = NDArray[np.float32]
+Lengths = NDArray[np.float32]
 
 SHORT_LENGTH = 0.98
 """Mean length below which the source's normals are said to be shorter than one; 8-bit rounding alone gives 0.998."""
@@ -24,48 +31,22 @@ DECIDED_CONFIDENCE = 0.75
 """Confidence from which the integrability test is believed."""
 
 
+_NO_LENGTH = 0.02
+"""Length of a stored vector below which its direction is the rounding of 8 bits, or nothing."""
+
 _AT_ONCE = 1 << 15
 """Texels whose temporaries stay in the cache."""
 
 
-@dataclass(frozen=True)
-class DecodedNormals:
-    """Normals as the source means them.
-
-    Args:
-        vectors: (H, W, 3) unit vectors, green as in the source.
-        length: (H, W) length of each stored vector, at most 1; None where z was reconstructed and there is no length.
-        notes: what was found, in sentences.
-    """
-
-    vectors: Vectors
-    length: NDArray[np.float32] | None
-    notes: tuple[str, ...]
-
-    @property
-    def mean_length(self) -> float:
-        """Mean length of the stored vectors; 1 where z was reconstructed."""
-        return 1.0 if self.length is None else float(self.length.mean(dtype=np.float64))
-
-
-@dataclass(frozen=True)
-class Integrability:
-    """Outcome of the curl test: the convention that the pixels suggest and how sure that is, in [0, 1]."""
-
-    convention: str
-    confidence: float
-
-    @property
-    def decided(self) -> bool:
-        """Whether the test is to be believed."""
-        return self.confidence >= DECIDED_CONFIDENCE
-
-
-def decode_normals(pixels: NDArray[np.generic], path: Path, out: Vectors | None = None) -> DecodedNormals:
+def decode_normals(pixels: NDArray[np.generic], path: Path) -> tuple[Vectors, Lengths | None, list[str]]:
     """File values (H, W, C >= 2) to unit vectors; InputError when they are not tangent-space normals.
 
     Values are n = 2 v - 1, unless a floating-point file stores signed components. Two channels, or three with a
-    constant blue, hold x and y only: z = sqrt(1 - x^2 - y^2). `out`, (H, W, 3): where the vectors are written.
+    constant blue, hold x and y only: z = sqrt(1 - x^2 - y^2).
+
+    Returns:
+        (H, W, 3) unit vectors, green as in the source; (H, W) the length of each stored vector, at most 1, None where z
+        was reconstructed; what was found, in sentences.
     """
     if pixels.shape[-1] < 2:
         raise InputError(f"{path} has one channel: expected a normal map with red, green and blue; is it a height map?")
@@ -79,9 +60,9 @@ def decode_normals(pixels: NDArray[np.generic], path: Path, out: Vectors | None 
         values = unit_range(some)
         return values if signed else values * np.float32(2) - np.float32(1)
 
-    out = memory.empty((*pixels.shape[:2], 3)) if out is None else out
+    out = memory.empty((*pixels.shape[:2], 3))
     blocks = list(memory.some_rows(pixels, _AT_ONCE))
-    length: NDArray[np.float32] | None = None
+    length: Lengths | None = None
     if stored.shape[-1] == 2 or _has_constant_blue(stored, vectors_of):
         notes.append("holds x and y only: z is reconstructed")
         for some in blocks:
@@ -95,10 +76,10 @@ def decode_normals(pixels: NDArray[np.generic], path: Path, out: Vectors | None 
             of = np.sqrt(np.einsum("hwc,hwc->hw", xyz, xyz))
             out[some] = normalised(xyz, of)
             np.minimum(of, 1, out=length[some])
-    return DecodedNormals(out, length, tuple(notes))
+    return out, length, notes
 
 
-def normalised(vectors: Vectors, length: NDArray[np.float32] | None = None) -> Vectors:
+def normalised(vectors: Vectors, length: Lengths | None = None) -> Vectors:
     """(..., 3) scaled to length one; vectors shorter than 1e-3 become +Z. `length` saves computing it."""
     if length is None:
         length = np.sqrt(np.einsum("...c,...c->...", vectors, vectors))
@@ -109,24 +90,59 @@ def normalised(vectors: Vectors, length: NDArray[np.float32] | None = None) -> V
     return out
 
 
-def lost_variance(length: NDArray[np.float32], resolution: float) -> NDArray[np.float32]:
-    """What the missing length of averaged normals adds to alpha^2, (H, W) to (H, W): 2 / kappa.
+def holes(normals: Vectors, length: Lengths | None = None) -> NDArray[np.bool_]:
+    """(H, W) which of (H, W, 3) unit vectors are not normals; `length` (H, W): their lengths before they were made
+    unit."""
+    found = memory.empty(normals.shape[:2], np.bool_)
+    np.less(normals[..., 2], np.float32(MIN_NORMAL_Z), out=found)
+    if length is not None:
+        for row, of in zip(found, length, strict=True):
+            np.logical_or(row, of < np.float32(_NO_LENGTH), out=row)
+    return found
 
-    A von Mises-Fisher lobe with mean length r has kappa = (3 r - r^3) / (1 - r^2) (Banerjee et al. 2005, equation 4.4),
-    and a Beckmann or GGX lobe of roughness alpha corresponds to kappa = 2 / alpha^2; convolving two lobes adds alpha^2.
+
+def held(normals: Vectors, length: Lengths | None = None) -> tuple[Vectors, int]:
+    """Normals whose heights are MIN_NORMAL_Z or more, and how many texels had less.
+
+    Those, and vectors without length, take the mean of their neighbours that have more, made unit; holes of several
+    texels are filled from their rims inwards. Other texels stay bit for bit. Where no texel has more, all are flat.
 
     Args:
-        length: mean length r of the normals under each texel, in [0, 1].
-        resolution: missing length that quantisation alone can cause; that much is not counted.
+        normals: (H, W, 3) unit vectors.
+        length: (H, W) of the vectors before they were made unit; None where they had none of their own.
     """
-    r = np.clip(length + np.float32(resolution), 1e-3, 1)
-    return np.asarray(2 * (1 - r * r) / (r * (3 - r * r)), np.float32)
+    broken = holes(normals, length)
+    count = int(np.count_nonzero(broken))
+    if not count:
+        return normals, 0
+    if count == broken.size:
+        flat = np.zeros_like(normals)
+        flat[..., 2] = 1
+        return flat, count
+    out, known = memory.copied(normals), ~broken
+    rows, columns = np.nonzero(broken)
+    while len(rows):
+        total, found = np.zeros((len(rows), 3), np.float32), np.zeros(len(rows), np.bool_)
+        for dy, dx in product((-1, 0, 1), repeat=2):
+            y, x = rows + dy, columns + dx
+            inside = (y >= 0) & (y < out.shape[0]) & (x >= 0) & (x < out.shape[1])
+            y, x = np.where(inside, y, rows), np.where(inside, x, columns)
+            seen = known[y, x]
+            total += np.where(seen[:, None], out[y, x], 0)
+            found |= seen
+        out[rows[found], columns[found]] = normalised(total[found])
+        known[rows[found], columns[found]] = True
+        rows, columns = rows[~found], columns[~found]
+    return out, count
 
 
-def length_resolution(depth: str) -> float:
-    """Missing length that rounding to the stored type can cause: half a diagonal of a quantisation cell."""
-    step = {"uint8": 2 / 255, "uint16": 2 / 65535, "half": 2**-10}.get(depth, 2**-23)
-    return math.sqrt(3) / 2 * step
+def holes_warning(label: str, count: int, texels: int) -> str:
+    """The warning about broken normals."""
+    they = "it takes" if count == 1 else "they take"
+    return (
+        f"{label}: {count} of {texels} normals along the surface, into it or without length (z below "
+        f"{MIN_NORMAL_Z:g}): {they} the mean of those around; repair the map if that is too many"
+    )
 
 
 def is_constant(image: NDArray[Any]) -> bool:
@@ -144,8 +160,8 @@ def tiles(image: NDArray[Any]) -> NDArray[Any]:
     return np.ascontiguousarray(parts).reshape(-1, *parts.shape[2:])
 
 
-def integrability(vectors: Vectors) -> Integrability:
-    """Whether green points up ("opengl") or down ("directx"), from the curl of the slopes.
+def integrability(vectors: Vectors) -> tuple[str, float]:
+    """Whether green points up ("opengl") or down ("directx"), from the curl of the slopes, and the confidence, 0 to 1.
 
     The slopes p = -x/z and q = -y/z of a height field satisfy dp/dy = dq/dx. With the wrong sign of green the two sides
     have opposite signs, so the sign of A = sum(dp/dy dq/dx) tells; with E = sum((dp/dy)^2 + (dq/dx)^2) / 2, A / E = +-1
@@ -168,11 +184,11 @@ def integrability(vectors: Vectors) -> Integrability:
     products = np.einsum("thw,thw->t", dp_dy, dq_dx, dtype=np.float64)
     energy = (np.square(dp_dy).sum(dtype=np.float64) + np.square(dq_dx).sum(dtype=np.float64)) / 2
     if energy <= 1e-12 or not products.any():
-        return Integrability("opengl", 0.0)
+        return "opengl", 0.0
     t = products.sum() / np.sqrt(np.square(products).sum())
     effect = products.sum() / energy
     confidence = math.erf(abs(t) / math.sqrt(2)) * min(1.0, abs(effect) / 0.1)
-    return Integrability("opengl" if effect >= 0 else "directx", float(confidence))
+    return "opengl" if effect >= 0 else "directx", float(confidence)
 
 
 def _sampled(image: NDArray[Any]) -> NDArray[Any]:

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from mipbake.material.directions import untangled
 from mipbake.material.fill import fill
 from mipbake.material.pixel_filter import filtered_levels, resample
-from mipbake.source.decode import unit_directions, upsample
-from mipbake.source.normal import normalised
+from mipbake.source.decode import unit_vectors, upsample
 from mipbake.source.options import SHADING_ROLES
 from mipbake.source.texture_set import TextureSet
 
@@ -46,12 +45,7 @@ def shown(texture_set: TextureSet) -> TextureSet:
         if role not in SHADING_ROLES:
             continue
         pixels = untangled(each.pixels, texture_set.wrap) if role == "anisotropy" else each.pixels
-        filled = fill(pixels, weights, texture_set.wrap)
-        if role == "normal":
-            filled = normalised(filled)
-        elif role == "anisotropy":
-            filled[..., :2] = unit_directions(filled[..., :2])
-        maps[role] = replace(each, pixels=filled)
+        maps[role] = replace(each, pixels=unit_vectors(fill(pixels, weights, texture_set.wrap), role))
     return replace(texture_set, maps=maps)
 
 

@@ -5,11 +5,16 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import TypeAlias
+from dataclasses import dataclass, field, fields, replace
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 from mipbake.base.errors import UsageError
 from mipbake.base.options import one_of, option
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+_Options = TypeVar("_Options", bound="DataclassInstance")
 
 MapChoice: TypeAlias = "str | os.PathLike[str] | float | None"
 
@@ -33,7 +38,6 @@ FACTORED_ROLES = ("roughness", "metallic", "normal", "anisotropy", "occlusion", 
 """Roles whose values a factor can scale."""
 
 NORMAL_CONVENTIONS = ("opengl", "directx")
-NORMAL_LENGTHS = ("ignore", "roughness")
 STRAIGHT, PREMULTIPLIED = "straight", "premultiplied"
 ALPHAS = (STRAIGHT, PREMULTIPLIED)
 CUSTOM = "custom"
@@ -58,7 +62,7 @@ class LoadOptions:
             `"*_FILE"`, where * stands for the name of a set in a folder of several. Roles: base_color, normal,
             roughness, metallic, anisotropy, occlusion, height, emissive, opacity; and specular, of sets in diffuse and
             specular colours.
-        colour_space, normal_convention, normal_length, roughness_is_gloss, alpha, alpha_cutoff: see their help.
+        colour_space, normal_convention, roughness_is_gloss, alpha, alpha_cutoff: see their help.
         wrap: addressing along u and v, each "wrap" or "clamp".
         name: of the set, safe as a folder name. None: the name of the folder.
         factors: role to a number that its values are multiplied with after decoding: roughness, metallic, opacity,
@@ -81,13 +85,6 @@ class LoadOptions:
         "Whether green points up (opengl) or down (directx).",
         metavar=one_of(NORMAL_CONVENTIONS),
         otherwise="by file name, else by the curl of the normals",
-    )
-    normal_length: str = option(
-        "ignore",
-        "What happens to normals shorter than one: they are renormalised, or also widen the roughness by the spread "
-        "that the missing length stands for.",
-        group=READING,
-        metavar=one_of(NORMAL_LENGTHS),
     )
     roughness_is_gloss: bool | None = option(
         None,
@@ -122,7 +119,6 @@ class LoadOptions:
         for role, choice in self.maps.items():
             _check_choice(role, choice)
         _check_member("normal_convention", self.normal_convention, (None, *NORMAL_CONVENTIONS))
-        _check_member("normal_length", self.normal_length, NORMAL_LENGTHS)
         _check_member("alpha", self.alpha, (None, *ALPHAS))
         _check_member("origin", self.origin, ORIGINS)
         if not isinstance(self.wrap, tuple) or len(self.wrap) != 2:
@@ -136,6 +132,15 @@ class LoadOptions:
                 raise UsageError(f"the factor of {role} is {factor}: expected 0 or more")
         if self.alpha_cutoff is not None and not 0 < self.alpha_cutoff <= 1:
             raise UsageError(f"alpha_cutoff is {self.alpha_cutoff}: expected a number above 0, up to 1")
+
+
+def with_overrides(options: _Options, overrides: Mapping[str, Any]) -> _Options:
+    """Options, a dataclass, with single fields replaced; UsageError for a field that there is not."""
+    known = [f.name for f in fields(options)]
+    for name in overrides:
+        if name not in known:
+            raise UsageError(f"unknown option {name!r}: expected one of {', '.join(known)}")
+    return replace(options, **overrides)
 
 
 def _check_member(option: str, value: object, allowed: tuple[object, ...]) -> None:

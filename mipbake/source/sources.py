@@ -1,4 +1,4 @@
-"""What discovery hands to reading: the source of every map, the normal convention, the whole finding."""
+"""What was found of a texture set before anything is decoded: the source of every map, and what is said of it."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake.material import GLTF_MODELS, MODELS
 from mipbake.source.images.image import Image
-from mipbake.source.options import STRAIGHT, LoadOptions
+from mipbake.source.options import STRAIGHT
 
 DATA = "data"
 """Encoding of maps whose values are not colours: stored linearly."""
@@ -103,37 +104,43 @@ class IgnoredFile:
 
 
 @dataclass(frozen=True)
-class Discovery:
-    """What a texture set is made of.
+class Found:
+    """What was found of a texture set: names and headers, nothing decoded. `mipbake.source.texture_set.read` makes a
+    `TextureSet` of it, which says the same of itself in `TextureSet.found`.
 
     Args:
         name: of the set, safe as a folder name.
-        sources: role to source, in the order of `ROLES`; always holds base_color, normal, roughness and metallic.
-        width, height: common size of the maps that shade.
-        convention: of the normal map.
-        ignored: files that fill no role.
+        width, height: common size of the maps that shade, in texels.
+        model: the material model that the maps fill.
+        maps: role to source, in the order of `ROLES`; always holds base_color, normal, roughness and metallic.
+        normal_convention: of the normal map, and how that was decided.
         notes: what was found and assumed, in sentences.
         warnings: what the user should look at, in sentences.
-        options: the choices it was made with.
+        ignored: files that fill no role.
     """
 
     name: str
-    sources: Mapping[str, MapSource]
     width: int
     height: int
-    convention: NormalConvention
-    ignored: tuple[IgnoredFile, ...]
+    model: str
+    maps: Mapping[str, MapSource]
+    normal_convention: NormalConvention
     notes: tuple[str, ...]
     warnings: tuple[str, ...]
-    options: LoadOptions
+    ignored: tuple[IgnoredFile, ...]
 
     @property
-    def anisotropic(self) -> bool:
-        """Whether there is an anisotropy map."""
-        return "anisotropy" in self.sources
+    def hashes(self) -> dict[str, str]:
+        """Source file name to SHA-256, which is empty before the file is read."""
+        return {source.path.name: source.sha256 for source in self.maps.values() if source.path}
 
 
-@dataclass(frozen=True)
+def source_model(anisotropic: bool) -> str:
+    """The material model of sources that have an anisotropy map, or that have none."""
+    return next(name for name in GLTF_MODELS if MODELS[name].anisotropic == anisotropic)
+
+
+@dataclass
 class Log:
     """Sentences that collect on the way."""
 

@@ -18,7 +18,7 @@ from mipbake.source.images.read import read_header
 from mipbake.source.matches import Match, explicit
 from mipbake.source.names import Meaning, interpretations
 from mipbake.source.options import SPECULAR, LoadOptions
-from mipbake.source.sources import IgnoredFile, MapSource
+from mipbake.source.sources import IgnoredFile, Log, MapSource
 
 _ALONE = frozenset(
     ["specular", "specularcolor", "specularcolour", "specularmap", "spec", "speccolor", "speccolour", "specmap", "spc"]
@@ -96,21 +96,19 @@ def _word(path: Path) -> str:
     return next((match.word for match in interpretations(path.stem)), "")
 
 
-def as_metallic(maps: dict[str, TextureMap]) -> tuple[list[str], list[str]]:
+def as_metallic(maps: dict[str, TextureMap], log: Log) -> None:
     """Converts the base colour and the metallic of maps where those are diffuse and specular colours so far.
 
     Args:
-        maps: role to map, those that shade of one size.
-
-    Returns:
-        Notes and warnings, in sentences.
+        maps: role to map, those that shade of one size. log: takes what is said of it.
     """
     diffuse, specular = maps["base_color"], maps["metallic"]
     if not specular.source.converted:
-        return [], []
+        return
     base, metallic, loss = metallic_roughness(diffuse.pixels, specular.pixels)
     maps |= {"base_color": replace(diffuse, pixels=base), "metallic": replace(specular, pixels=metallic)}
-    said = "diffuse and specular colours are converted to base colour and metallic"
+    sentence = "diffuse and specular colours are converted to base colour and metallic"
     if loss.lossless:
-        return [f"{said}, which hold every texel to within 0.01"], []
-    return [], [f"{said}: {loss}; see docs/conventions.md"]
+        log.notes.append(f"{sentence}, which hold every texel to within 0.01")
+    else:
+        log.warnings.append(f"{sentence}: {loss}; see docs/conventions.md")

@@ -20,79 +20,65 @@ _CHANNELS = re.compile(r":[RGBA]{1,4}$", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
-class SetInFolder:
-    """One of several sets in a folder: its name, as its files begin with, and its files."""
-
-    name: str
-    files: tuple[Path, ...]
-
-
-@dataclass(frozen=True)
-class Division:
-    """The sets of a folder, and files that belong to no set."""
-
-    parts: tuple[SetInFolder, ...]
-    left_out: tuple[Path, ...]
-
-
-@dataclass(frozen=True)
 class _Named:
-    """A file with what its name means, and the words that its set is called by."""
+    """A file with what its name means, and its stem without its UDIM tile."""
 
     file: Path
     match: NameMatch
     stem: str
 
 
-def divided(files: Sequence[Path], options: LoadOptions, tiles: Mapping[Path, str] | None = None) -> Division | None:
-    """The several sets that files belong to, by the words that their names begin with; None where they are one set.
+def divided(
+    files: Sequence[Path], options: LoadOptions, tiles: Mapping[Path, str] | None = None
+) -> Mapping[str, tuple[Path, ...]]:
+    """The several sets that files belong to, by the words that their names begin with: these words, empty for names of
+    roles alone, to files. Empty where all are one set. Files that are left out belong to none of the sets.
 
     They are several where two of them are complete, with a normal and a roughness map each, and two files would fill
-    one role. `--map ROLE=PATTERN` tells roles of files whose names do not.
+    one role. `--map ROLE=PATTERN` says the roles of files whose names do not.
 
     Args:
         files: of one folder.
-        options: choices of maps; roles that they decide for all sets tell nothing.
+        options: choices of maps; roles that they decide for all sets say nothing.
         tiles: file to the text of its UDIM tile, which is not a part of a set's name.
 
     Raises:
         UsageError: a pattern has more than one *.
     """
     images = [file for file in files if file.suffix.lower() in IMAGE_SUFFIXES]
-    stems = {file: _without_tile(file.stem, (tiles or {}).get(file, "")) for file in images}
+    texts = tiles or {}
+    stems = {file: _without_tile(file.stem, texts.get(file, "")) for file in images}
     patterns = {role: _expression(role, str(choice)) for role, choice in options.maps.items() if _is_pattern(choice)}
-    named: list[_Named] = []
-    for file, match in zip(images, classify([stems[file] for file in images]), strict=True):
-        by_pattern = [
-            NameMatch(role, (Meaning(role),), asset_words(_without_tile(found["name"], (tiles or {}).get(file, ""))))
+    groups: dict[str, list[_Named]] = {}
+    for file, by_name in zip(images, classify([stems[file] for file in images]), strict=True):
+        by_pattern = (
+            NameMatch(role, (Meaning(role),), asset_words(_without_tile(found["name"], texts.get(file, ""))))
             for role, expression in patterns.items()
             if (found := expression.fullmatch(file.name))
-        ]
-        meant = by_pattern[0] if by_pattern else match
-        if meant is not None:
-            named.append(_Named(file, meant, stems[file]))
-    groups: dict[str, list[_Named]] = {}
-    for each in named:
-        groups.setdefault(_key(each.match.asset, each.stem), []).append(each)
-    decided = {role for role in options.maps if role not in patterns}
-    roles = {asset: _roles(group) | decided for asset, group in groups.items()}
-    complete = [asset for asset in groups if {"normal", "roughness"} <= roles[asset] and _roles(groups[asset])]
-    if len(complete) < 2 or not _compete([groups[asset] for asset in complete], decided):
-        return None
-    # A set that lacks one of the two is told when its turn comes; what has neither may be anybody's.
-    sets = [asset for asset in groups if {"normal", "roughness"} & (roles[asset] - decided)]
-    own = {asset: [each.file for each in groups[asset]] for asset in sets}
-    left_out: list[Path] = []
-    taken = {file for several in own.values() for file in several}
-    for file in images:
-        if file in taken:
-            continue
-        asset = max(
-            (a for a in sets if a and _key(asset_words(stems[file]), stems[file]).startswith(a)), key=len, default=None
         )
-        (left_out if asset is None else own[asset]).append(file)
-    parts = (SetInFolder(_shown(asset, groups[asset]), tuple(sorted(own[asset]))) for asset in sets)
-    return Division(tuple(sorted(parts, key=lambda part: part.name.casefold())), tuple(left_out))
+        match = next(by_pattern, by_name)
+        if match is not None:
+            groups.setdefault(_key(match.asset, stems[file]), []).append(_Named(file, match, stems[file]))
+    decided = {role for role in options.maps if role not in patterns}
+    own_roles = {asset: _roles(group) for asset, group in groups.items()}
+    complete = [asset for asset, roles in own_roles.items() if roles and {"normal", "roughness"} <= roles | decided]
+    if len(complete) < 2 or not _compete([groups[asset] for asset in complete], decided):
+        return {}
+    # A set that lacks one of the two is an error when its turn comes; what has neither may be anybody's.
+    sets = {
+        asset: [each.file for each in groups[asset]]
+        for asset, roles in own_roles.items()
+        if {"normal", "roughness"} & (roles - decided)
+    }
+    taken = {file for several in sets.values() for file in several}
+    for file in images:
+        if file not in taken:
+            words = _key(asset_words(stems[file]), stems[file])
+            asset = max((a for a in sets if a and words.startswith(a)), key=len, default=None)
+            if asset is not None:
+                sets[asset].append(file)
+    shown = {_shown(asset, groups[asset]): tuple(sorted(own)) for asset, own in sets.items()}
+    return dict(sorted(shown.items(), key=lambda each: each[0].casefold()))
 
 
 def resolved(options: LoadOptions, files: Sequence[Path], what: str) -> LoadOptions:

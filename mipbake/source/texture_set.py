@@ -5,49 +5,42 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mipbake.base.colour import LINEAR
-from mipbake.base.errors import InputError, UsageError
-from mipbake.material import GLTF_MODELS, MODELS, convert
+from mipbake.base import memory
+from mipbake.base.errors import UsageError
+from mipbake.material import convert
 from mipbake.material.directions import untangled
 from mipbake.material.filtered_source import FilteredSource
-from mipbake.source.decode import (
-    DecodedMap,
-    TextureMap,
-    constant_map,
-    decode_map,
-    resized,
-    scaled,
-    unit_directions,
-    upsample,
-    widened,
-)
-from mipbake.source.discover import find, settle_convention
+from mipbake.source.arrays import array_source, check_shape, checked_array
+from mipbake.source.decode import TextureMap, constant_map, decode_map, resized, scaled
 from mipbake.source.images.declared import turn_vectors
 from mipbake.source.images.read import read_image
-from mipbake.source.joined import ORDER, lie_in, places, put
 from mipbake.source.matches import BASE_ALPHA, alpha_note
-from mipbake.source.normal import is_constant, normalised, tiles
-from mipbake.source.options import CARRIED, COLOUR_ROLES, ROLES, SHADING_ROLES, WRAP_MODES, LoadOptions
-from mipbake.source.sources import DATA, Discovery, IgnoredFile, MapSource, NormalConvention
+from mipbake.source.normal import (
+    DECIDED_CONFIDENCE,
+    Vectors,
+    held,
+    holes_warning,
+    integrability,
+    is_constant,
+    tiles,
+)
+from mipbake.source.options import CARRIED, ORIGINS, SHADING_ROLES, WRAP_MODES, LoadOptions
+from mipbake.source.sources import Found, IgnoredFile, Log, MapSource, NormalConvention, source_model, spoken
 from mipbake.source.specular import as_metallic
-from mipbake.source.steep import held, warning
 
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
+__all__ = ["MapSource", "NormalConvention", "TextureMap", "TextureSet", "read", "source_model"]
 
-_Options = TypeVar("_Options", bound="DataclassInstance")
-
-__all__ = ["LoadOptions", "MapSource", "NormalConvention", "TextureMap", "TextureSet", "load"]
+_ORDER = ("base_color", "metallic", "roughness", "normal")
+"""Maps in the order in which the models of glTF store them; anisotropy follows where a set has it."""
 
 
 @dataclass(frozen=True)
@@ -100,6 +93,13 @@ class TextureSet:
         """The material model that the source is given in: "gltf-anisotropic" with an anisotropy map, else "gltf"."""
         return source_model(self.anisotropic)
 
+    @property
+    def found(self) -> Found:
+        """The facts about the set without its pixels."""
+        sources = {role: texture.source for role, texture in self.maps.items()}
+        about = (self.name, self.width, self.height, self.source_model, sources, self.convention)
+        return Found(*about, self.notes, self.warnings, self.ignored)
+
     @cached_property
     def _lines(self) -> NDArray[np.float32]:
         """The anisotropy map with signs that agree: what lies between its texels does not depend on who drew it."""
@@ -115,12 +115,17 @@ class TextureSet:
         return np.ascontiguousarray(converted, np.float32)
 
     def _stored(self) -> NDArray[np.float32]:
-        """(H, W, C) of the source's own model: what the maps lie in, where they lie in one array."""
-        maps = [*(self.maps[role].pixels for role in ORDER), *([self._lines] if self.anisotropic else [])]
-        whole = maps[0].base
-        if whole is not None and lie_in(whole, maps):
-            return whole
-        return np.concatenate(maps, -1)
+        """(H, W, C) of the source's own model: what the maps lie in, where they lie in one array in their order."""
+        maps = [*(self.maps[role].pixels for role in _ORDER), *([self._lines] if self.anisotropic else [])]
+        whole, start = maps[0].base, 0
+        if whole is None or whole.ndim != 3 or whole.shape[-1] != sum(pixels.shape[-1] for pixels in maps):
+            return np.concatenate(maps, -1)
+        for pixels in maps:
+            place = whole[..., start : start + pixels.shape[-1]]
+            if pixels.base is not whole or pixels.__array_interface__ != place.__array_interface__:
+                return np.concatenate(maps, -1)
+            start += pixels.shape[-1]
+        return np.ascontiguousarray(whole, np.float32)
 
     @classmethod
     def from_arrays(
@@ -153,238 +158,158 @@ class TextureSet:
         Maps that shade and are smaller than the largest are resampled to it; maps that do not shade keep their size.
 
         Raises:
-            InputError: a shape, a range or a value (NaN, infinity) is not as above.
+            InputError: a shape, a range or a value (NaN, infinity) is not as above. UsageError: as `wrap` is not.
         """
         if len(wrap) != 2 or any(mode not in WRAP_MODES for mode in wrap):
             raise UsageError(f"wrap is {wrap!r}: expected two of {', '.join(WRAP_MODES)}")
         given = {
-            "base_color": base_color,
-            "normal": normal,
-            "roughness": roughness,
-            "metallic": metallic,
-            "anisotropy": anisotropy,
-            "occlusion": occlusion,
-            "height": height,
-            "emissive": emissive,
-            "opacity": opacity,
+            **{"base_color": base_color, "normal": normal, "roughness": roughness, "metallic": metallic},
+            **{"anisotropy": anisotropy, "occlusion": occlusion, "height": height},
+            **{"emissive": emissive, "opacity": opacity},
         }
-        arrays = {role: _checked_array(role, value) for role, value in given.items() if value is not None}
+        arrays = {role: checked_array(role, value) for role, value in given.items() if value is not None}
         arrays["normal"], broken = held(arrays["normal"])
         texels = arrays["normal"].shape[0] * arrays["normal"].shape[1]
-        warnings = (warning("normal", broken, texels),) if broken else ()
+        warnings = (holes_warning("normal", broken, texels),) if broken else ()
         shading = [a for role, a in arrays.items() if role in SHADING_ROLES]
         rows, columns = max((a.shape[:2] for a in shading), key=lambda s: s[0] * s[1])
         maps, digest = {}, hashlib.sha256(repr(wrap).encode())
         for role, array in arrays.items():
             if role in SHADING_ROLES:
-                _check_shape(role, array, rows, columns)
+                check_shape(role, array, rows, columns)
             digest.update(f"{role} {array.shape}".encode() + array.tobytes())
-            texture = TextureMap(array, _array_source(role, array))
+            texture = TextureMap(array, array_source(role, array, "given as an array"))
             maps[role] = resized(texture, columns, rows, wrap) if role in SHADING_ROLES else texture
         convention = NormalConvention("opengl", "option", 1.0)
         return cls(name, maps, columns, rows, wrap, convention, digest.hexdigest(), warnings=warnings)
 
 
-def load(
-    path: str | os.PathLike[str] | Iterable[str | os.PathLike[str]],
-    options: LoadOptions | None = None,
-    **overrides: Any,
-) -> TextureSet:
-    """Reads a texture set.
+def read(found: Found, options: LoadOptions) -> TextureSet:
+    """The texture set of what was found: every map decoded.
 
     Args:
-        path: a folder, or the files of one set.
-        options: how to read it.
-        overrides: single fields of `LoadOptions`, on top of `options`: `load(folder, colour_space="ACEScg")`.
+        found: from `mipbake.source.discover.find`. options: that it was found with.
 
     Raises:
-        InputError: the folder or a file cannot be used; the sentence says which and what to do.
-        UsageError: an option does not exist or has a value it cannot have.
+        InputError: a file cannot be used; the sentence says which and what to do.
     """
-    options = with_overrides(options or LoadOptions(), overrides)
-    found = find(path, options)
-    into = places(found, _ARRAY_CHANNELS)
-    decoded = _read(found, into)
-    normals = decoded["normal"].map.pixels
-    some, orientation = tiles(normals), found.sources["normal"].orientation
-    turn_vectors(some, orientation)  # green down then looks like red to the left, or like green down
-    found = settle_convention(found, some, is_constant(normals))
-    warnings = [*found.warnings, *(w for item in decoded.values() for w in item.warnings)]
+    log = Log([*found.notes], [*found.warnings])
+    decoded, warnings = _decoded(found, options)
+    normal = found.maps["normal"]
+    some = tiles(decoded["normal"].pixels)
+    turn_vectors(some, normal.orientation)  # green down then looks like red to the left, or like green down
+    convention = found.normal_convention
+    if normal.path is not None:
+        flat = is_constant(decoded["normal"].pixels)
+        convention = _decided(convention, normal.path.name, some, flat, log)
+    log.warnings += warnings
     maps: dict[str, TextureMap] = {}
-    for role in found.sources:
-        texture = decoded[role].map
+    for role in found.maps:
+        texture = decoded.pop(role)
         if role.startswith(CARRIED) and texture.source.channels == "A" and texture.pixels.min() >= 1:
             continue  # an alpha channel that says nothing
         if texture.source.reason == BASE_ALPHA and texture.source.path and texture.pixels.min() >= 1:
-            told = alpha_note(texture.source.path)
-            found = replace(found, notes=tuple(note for note in found.notes if note != told))
+            log.notes.remove(alpha_note(texture.source.path))
             continue
-        if role == "normal" and found.convention.name == "directx":
+        if role == "normal" and convention.name == "directx":
             texture.pixels[..., 1] *= -1
         if role == "normal":
-            turn_vectors(texture.pixels, orientation)
+            turn_vectors(texture.pixels, normal.orientation)
         if role in options.factors:
             texture = replace(texture, pixels=scaled(texture.pixels, role, options.factors[role]))
         maps[role] = resized(texture, found.width, found.height, options.wrap) if role in SHADING_ROLES else texture
-    converted, loss = as_metallic(maps)
-    warnings += loss
-    lost = decoded["normal"].lost_variance
-    if lost is not None:
-        variance = upsample(lost[..., None], found.width, found.height, options.wrap)[..., 0]
-        maps["roughness"] = replace(maps["roughness"], pixels=widened(maps["roughness"].pixels, variance))
-    del decoded, normals, texture, lost
-    put(maps, into)
-    notes = [*found.notes, *converted, *(n for m in maps.values() for n in m.source.notes)]
+    del texture
+    as_metallic(maps, log)
+    _lay_side_by_side(maps)
     if options.alpha_cutoff is not None and "opacity" not in maps:
-        warnings.append("the alpha cutoff is left out, because the set has no opacity")
+        log.warnings.append("the alpha cutoff is left out, because the set has no opacity")
     return TextureSet(
         found.name,
         maps,
         found.width,
         found.height,
         options.wrap,
-        found.convention,
-        _source_hash(maps, found),
-        tuple(notes),
-        tuple(warnings),
+        convention,
+        _source_hash(maps, convention, options),
+        (*log.notes, *(note for texture in maps.values() for note in texture.source.notes)),
+        tuple(log.warnings),
         found.ignored,
         options.alpha_cutoff,
     )
 
 
-def source_model(anisotropic: bool) -> str:
-    """The material model of sources that have an anisotropy map, or that have none."""
-    (model,) = (name for name in GLTF_MODELS if MODELS[name].anisotropic == anisotropic)
-    return model
-
-
-def with_overrides(options: _Options, overrides: Mapping[str, Any]) -> _Options:
-    """Options, a dataclass, with single fields replaced; UsageError for a field that there is not."""
-    known = [f.name for f in fields(options)]
-    for name in overrides:
-        if name not in known:
-            raise UsageError(f"unknown option {name!r}: expected one of {', '.join(known)}")
-    return replace(options, **overrides)
-
-
-def _read(found: Discovery, into: Mapping[str, NDArray[np.float32]]) -> dict[str, DecodedMap]:
-    """Every source decoded at its own size; each file is read once, files side by side. `into`: from `places`."""
+def _decoded(found: Found, options: LoadOptions) -> tuple[dict[str, TextureMap], list[str]]:
+    """Every source decoded at its own size, and warnings; each file is read once, files side by side."""
     by_file: dict[tuple[Path, tuple[int, str]], list[MapSource]] = {}
-    decoded: dict[str, DecodedMap] = {}
-    for role, source in found.sources.items():
+    decoded: dict[str, TextureMap] = {}
+    warnings: list[str] = []
+    for role, source in found.maps.items():
         if source.path is not None:
             by_file.setdefault((source.path, source.layer), []).append(source)
-        elif role in SHADING_ROLES:
-            decoded[role] = DecodedMap(constant_map(source, found.width, found.height, into.get(role)))
         else:
-            decoded[role] = DecodedMap(constant_map(source, 1, 1))
+            size = (found.width, found.height) if role in SHADING_ROLES else (1, 1)
+            decoded[role] = constant_map(source, *size)
 
-    def read_file(sources: list[MapSource]) -> dict[str, DecodedMap]:
+    def read_file(sources: list[MapSource]) -> list[tuple[TextureMap, list[str]]]:
         first = sources[0]
         assert first.path is not None
         image = read_image(first.path, first.layer, first.metadata)
-        return {s.role: decode_map(s, image, found.options, into.get(s.role)) for s in sources}
+        return [decode_map(source, image, options) for source in sources]
 
     # Decoders release the interpreter; more files at once than cores would only hold more memory.
     with ThreadPoolExecutor(max(1, min(4, os.cpu_count() or 1))) as pool:
-        for part in pool.map(read_file, by_file.values()):
-            decoded.update(part)
-    return decoded
+        for texture, doubts in (each for part in pool.map(read_file, by_file.values()) for each in part):
+            decoded[texture.source.role] = texture
+            warnings += doubts
+    return decoded, warnings
 
 
-def _source_hash(maps: Mapping[str, TextureMap], found: Discovery) -> str:
+def _decided(convention: NormalConvention, label: str, vectors: Vectors, flat: bool, log: Log) -> NormalConvention:
+    """The convention of a normal map, checked against its pixels, or decided by them.
+
+    Args:
+        convention: as far as options and names say it. label: how messages call the map.
+        vectors: `tiles` of its normals as stored. flat: whether all of them are the same: there is nothing to see.
+    """
+    name, confidence = integrability(vectors)
+    decided = confidence >= DECIDED_CONFIDENCE
+    if convention.decided_by in (*ORIGINS, "name"):
+        if decided and name != convention.name:
+            origin = "its name says" if convention.decided_by == "name" else f"the {convention.decided_by} says"
+            log.warnings.append(
+                f"{label}: {origin} {spoken(convention.name)}, but the curl of its slopes looks like "
+                f"{spoken(name)} (confidence {confidence:.2f})"
+            )
+        return convention
+    if flat:
+        return NormalConvention("opengl", "flat", 1.0)
+    if decided:
+        log.notes.append(f"{label}: {spoken(name)} by the curl of its slopes (confidence {confidence:.2f})")
+        return NormalConvention(name, "pixels", confidence)
+    log.warnings.append(
+        f"{label}: neither its name nor the curl of its slopes (confidence {confidence:.2f}, {DECIDED_CONFIDENCE} "
+        "needed) tells OpenGL from DirectX; OpenGL is assumed, set the normal convention if that is wrong"
+    )
+    return NormalConvention("opengl", "assumed", confidence)
+
+
+def _lay_side_by_side(maps: dict[str, TextureMap]) -> None:
+    """Moves the maps that shade into one array, which is level 0 as methods take it: they ask for it again and again,
+    and copies of it would be as large as all those maps together."""
+    order = [role for role in (*_ORDER, "anisotropy") if role in maps]
+    channels = sum(maps[role].pixels.shape[2] for role in order)
+    whole, start = memory.empty((*maps["normal"].pixels.shape[:2], channels)), 0
+    for role in order:
+        width = maps[role].pixels.shape[2]
+        place = whole[..., start : start + width]
+        place[...] = maps[role].pixels
+        maps[role] = replace(maps[role], pixels=place)  # which lets go of what was copied
+        start += width
+
+
+def _source_hash(maps: Mapping[str, TextureMap], convention: NormalConvention, asked: LoadOptions) -> str:
     """Over everything that decides the pixels: files, channels, encodings, convention and options."""
     read = [(role, m.source) for role, m in maps.items()]
     sources = [(role, s.sha256, s.channels, s.encoding, s.inverted, s.constant, *s.applied) for role, s in read]
-    asked = found.options
-    factors = sorted(asked.factors.items())
-    options = (found.convention.name, asked.normal_length, asked.wrap, factors, asked.alpha)
+    options = (convention.name, asked.wrap, sorted(asked.factors.items()), asked.alpha)
     return hashlib.sha256(json.dumps([sources, options]).encode()).hexdigest()
-
-
-_ARRAY_CHANNELS = {role: 3 if role in (*COLOUR_ROLES, "normal", "anisotropy") else 1 for role in ROLES}
-
-
-def _checked_array(role: str, value: ArrayLike | float) -> NDArray[np.float32]:
-    """(H, W, C) float32 of a role, vectors unit; InputError when the shape or a value does not fit the role."""
-    channels = _ARRAY_CHANNELS[role]
-    array = np.array(value, np.float32)
-    if array.ndim == 0 and role not in ("normal", "anisotropy", "emissive"):
-        array = np.full((1, 1, channels), array, np.float32)
-    elif array.ndim == 2 and (channels == 1 or role == "base_color"):
-        array = array[..., None]
-    if role == "base_color" and array.ndim == 3 and array.shape[2] == 1:
-        array = np.repeat(array, 3, -1)
-    if array.ndim != 3 or array.shape[2] != channels or 0 in array.shape:
-        shape = "(H, W, 3)" if channels == 3 else "(H, W) or (H, W, 1)"
-        raise InputError(f"{role} has shape {np.shape(value)}: expected {shape}, at least 1 x 1")
-    if not np.isfinite(array).all():
-        raise InputError(f"{role} holds {np.count_nonzero(~np.isfinite(array))} NaN or infinite values: expected none")
-    _check_encoding(role, array, np.asarray(value).dtype)
-    low, high = _ARRAY_RANGES.get(role, (-np.inf, np.inf))
-    values = array[..., 2] if role == "anisotropy" else array
-    if values.min() < low or values.max() > high:
-        raise InputError(f"{role} runs from {values.min():g} to {values.max():g}: expected values from {low} to {high}")
-    if role == "normal":
-        if array[..., 2].min() < 0:
-            raise InputError("normal points into the surface: expected signed vectors with z at least 0")
-        array = normalised(array)
-    elif role == "anisotropy":
-        array[..., :2] = unit_directions(array[..., :2])
-    return np.ascontiguousarray(array)
-
-
-_TOPS = (1, 255, 65535)
-"""The largest encoded value: of floats, of 8 bits and of 16 bits."""
-
-
-def _check_encoding(role: str, array: NDArray[np.float32], dtype: np.dtype[Any]) -> None:
-    """InputError for values as files store them: integers that stand for 0 to 1, vectors moved into 0 to 1."""
-    if role in ("normal", "anisotropy"):
-        vectors = array[..., :3] if role == "normal" else array[..., :2]
-        for top in _TOPS:
-            if vectors.min() >= 0 and vectors.max() <= top and _are_unit(2 * vectors / np.float32(top) - 1):
-                if _are_unit(vectors):
-                    return
-                decoded = f"2 * values{'' if top == 1 else f' / {top}'} - 1"
-                where = " for x and y" if role == "anisotropy" else ""
-                raise InputError(
-                    f"{role} is encoded in 0 to {top}, as files store it: expected signed vectors, "
-                    f"pass {decoded}{where}"
-                )
-    bounded = role in _ARRAY_RANGES and role not in ("normal", "anisotropy")
-    if bounded and dtype.kind in "iu" and array.max() > 1:
-        top = 255 if array.max() <= 255 else 65535
-        decoded = f"values / {top}, decoded from sRGB" if role in COLOUR_ROLES else f"values / {top}"
-        raise InputError(
-            f"{role} holds integers up to {array.max():g}: expected {'linear ' if role in COLOUR_ROLES else ''}values "
-            f"from 0 to 1, pass {decoded}"
-        )
-
-
-def _are_unit(vectors: NDArray[np.float32]) -> bool:
-    """Whether vectors (H, W, C) have length one, except for rounding to 8 bits and a tenth of outliers."""
-    off = np.abs(np.sqrt(np.einsum("hwc,hwc->hw", vectors, vectors)) - 1)
-    return float(np.quantile(off, 0.9)) < 0.05
-
-
-_ARRAY_RANGES = {
-    "base_color": (0, 1),
-    "roughness": (0, 1),
-    "metallic": (0, 1),
-    "anisotropy": (0, 1),
-    "occlusion": (0, 1),
-    "opacity": (0, 1),
-    "emissive": (0, np.inf),
-}
-
-
-def _check_shape(role: str, array: NDArray[np.float32], rows: int, columns: int) -> None:
-    h, w = array.shape[:2]
-    if (h, w) != (1, 1) and (h > rows or w > columns or abs(w * rows - h * columns) > max(rows, columns)):
-        raise InputError(f"{role} is {w} x {h} and the largest map is {columns} x {rows}: expected one shape")
-
-
-def _array_source(role: str, array: NDArray[np.float32]) -> MapSource:
-    encoding = LINEAR if role in COLOUR_ROLES else DATA
-    return MapSource(role, None, "", array.shape[1], array.shape[0], "float", encoding, False, "given as an array")

@@ -5,24 +5,21 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mipbake.base.colour import LINEAR
 from mipbake.base.errors import UsageError
 from mipbake.base.messages import listed
 from mipbake.material.directions import untangled
 from mipbake.material.fill import fill
 from mipbake.material.pixel_filter import level_sizes
-from mipbake.source.decode import TextureMap, resized, unit_directions
-from mipbake.source.normal import normalised
-from mipbake.source.options import CARRIED, COLOUR_ROLES, ROLES, SHADING_ROLES
-from mipbake.source.sources import DATA, MapSource, NormalConvention, spoken
+from mipbake.source.arrays import array_source
+from mipbake.source.decode import TextureMap, resized, unit_vectors
+from mipbake.source.options import CARRIED, ROLES, SHADING_ROLES
+from mipbake.source.sources import spoken
 from mipbake.source.texture_set import TextureSet
-from mipbake.source.tiles import FIRST, LAST, name_with, place, tile_options, tiles_of
-
-__all__ = ["Mosaic", "Tile", "islands", "joined", "mosaics", "tile_options", "tiles_of"]
+from mipbake.source.tiles import name_with, place
 
 CLAMPED = ("clamp", "clamp")
 
@@ -35,43 +32,28 @@ _LACKING: Mapping[str, tuple[float, ...]] = {
 """What stands for a map that other tiles have. A height is continued from them: any number would be a step."""
 
 
-@dataclass(frozen=True)
-class Tile:
-    """A tile of a mosaic.
-
-    Args:
-        name: of its stack, safe as a folder name.
-        row, column: where it lies, in tiles from the top left.
-        near: numbers of the tiles that touch it.
-        plain_roles: maps that do not shade and that the tile itself has.
-        sources: source file name to SHA-256 of its bytes.
-    """
-
-    name: str
-    row: int
-    column: int
-    near: tuple[int, ...]
-    plain_roles: tuple[str, ...]
-    sources: Mapping[str, str]
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Mosaic:
-    """Tiles side by side.
+    """What is baked at once: one texture set, or tiles side by side.
 
     Args:
-        texture_set: all of them as one, clamped, holes between them filled from the tiles around.
-        tiles: those that stacks are cut out for, by their numbers. Tiles of another size lie around them.
+        texture_set: what is baked. For tiles it is all of them as one, clamped, holes between them filled from those
+            around; it has no alpha cutoff, because coverage is kept for each tile, not for all tiles together.
+        sets: the texture sets that stacks are cut out for, by tile; the same one under 0 for a set that is no tile.
+            Tiles of another size lie around them.
+        cells: number of every tile to its row and column, from the top left.
         rows, columns: size in tiles.
-        alpha_cutoff: what renderers test the opacity of every tile against; None where it is blended. The texture set
-            has none: coverage is kept for each tile, not for all tiles together.
     """
 
     texture_set: TextureSet
-    tiles: Mapping[int, Tile]
-    rows: int
-    columns: int
-    alpha_cutoff: float | None = None
+    sets: Mapping[int, TextureSet]
+    cells: Mapping[int, tuple[int, int]] = field(default_factory=dict)
+    rows: int = 1
+    columns: int = 1
+
+    def near(self, tile: int) -> list[int]:
+        """The numbers of the tiles that touch one."""
+        return sorted(_neighbours(tile, self.cells))
 
 
 def islands(tiles: Iterable[int]) -> list[list[int]]:
@@ -91,17 +73,8 @@ def islands(tiles: Iterable[int]) -> list[list[int]]:
 
 
 def mosaics(tiles: Mapping[int, TextureSet]) -> list[Mosaic]:
-    """A mosaic for each size that tiles have, the largest first, in which the tiles of that size keep their texels.
-
-    Raises:
-        UsageError: as `joined`.
-    """
-    sizes = {(each.height, each.width) for each in tiles.values()}
-    return [joined(tiles, size) for size in sorted(sizes, reverse=True)] or [joined(tiles)]
-
-
-def joined(tiles: Mapping[int, TextureSet], size: tuple[int, int] | None = None) -> Mosaic:
-    """Texture sets side by side as their tile numbers say: u runs to the right, v upwards.
+    """Texture sets side by side as their tile numbers say, u to the right and v upwards: a mosaic for each size that
+    tiles have, the largest first, in which the tiles of that size keep their texels.
 
     Tiles of another size than the mosaic's are resampled to it, for what is filtered across borders. A map that only
     some tiles have is a constant in the others (anisotropy of strength 0, occlusion, opacity and carried channels 1,
@@ -111,16 +84,20 @@ def joined(tiles: Mapping[int, TextureSet], size: tuple[int, int] | None = None)
     Args:
         tiles: number, from 1001 to 1999, to texture set. Tiles that lie far apart are better joined by `islands`: the
             mosaic is the rectangle around all of them.
-        size: (height, width) of the tiles that stacks are cut out for; by default, the largest that there is.
 
     Raises:
-        UsageError: no tiles, a number that is not a tile's, or tiles whose opacity is tested against different cutoffs.
+        UsageError: tiles whose opacity is tested against different cutoffs.
     """
-    if not tiles:
-        raise UsageError("no tiles were given: expected tile numbers and their texture sets")
-    for tile in tiles:
-        if not FIRST <= tile <= LAST:
-            raise UsageError(f"{tile} is not a UDIM tile: expected a number from {FIRST} to {LAST}")
+    cutoffs = list(dict.fromkeys(s.alpha_cutoff for s in tiles.values()))
+    if len(cutoffs) > 1:
+        values = " and ".join("none" if cutoff is None else f"{cutoff:g}" for cutoff in cutoffs)
+        raise UsageError(f"the tiles have different alpha cutoffs, {values}: load all of them with the same")
+    sizes = {(each.height, each.width) for each in tiles.values()}
+    return [_joined(tiles, size) for size in sorted(sizes, reverse=True)]
+
+
+def _joined(tiles: Mapping[int, TextureSet], size: tuple[int, int]) -> Mosaic:
+    """The mosaic in which the tiles of a size, (height, width), keep their texels."""
     sets = {tile: tiles[tile] for tile in sorted(tiles)}
     places = {tile: place(tile) for tile in sets}
     left, bottom = (min(p[axis] for p in places.values()) for axis in (0, 1))
@@ -128,13 +105,8 @@ def joined(tiles: Mapping[int, TextureSet], size: tuple[int, int] | None = None)
     cells = {tile: (top - v, u - left) for tile, (u, v) in places.items()}
     rows, columns = top - bottom + 1, right - left + 1
 
-    shading = size or max((each.height, each.width) for each in sets.values())
-    inside = {tile: each for tile, each in sets.items() if (each.height, each.width) == shading}
-    sizes = {role: shading for role in SHADING_ROLES}
-    cutoffs = list(dict.fromkeys(s.alpha_cutoff for s in sets.values()))
-    if len(cutoffs) > 1:
-        told = " and ".join("none" if cutoff is None else f"{cutoff:g}" for cutoff in cutoffs)
-        raise UsageError(f"the tiles have different alpha cutoffs, {told}: load all of them with the same")
+    inside = {tile: each for tile, each in sets.items() if (each.height, each.width) == size}
+    sizes = {role: size for role in SHADING_ROLES}
     carried = {role: None for s in sets.values() for role in s.maps if role.startswith(CARRIED)}
     groups = (inside.values(), sets.values())
     roles = [role for role in (*ROLES, *carried) if any(role in s.maps for s in sets.values())]
@@ -147,32 +119,26 @@ def joined(tiles: Mapping[int, TextureSet], size: tuple[int, int] | None = None)
 
     conventions = [s.convention for s in sets.values()]
     decided = [c for c in conventions if c.decided_by != "flat"]
-    notes = _common({t: (*s.notes, *_size_notes(s, shading), *_lacking_notes(s, roles)) for t, s in sets.items()})
+    notes = _common({t: (*s.notes, *_size_notes(s, size), *_lacking_notes(s, roles)) for t, s in sets.items()})
     warnings = _common({tile: s.warnings for tile, s in sets.items()})
     texture_set = TextureSet(
         next(iter(sets.values())).name,
         maps,
-        columns * shading[1],
-        rows * shading[0],
+        columns * size[1],
+        rows * size[0],
         CLAMPED,
         (decided or conventions)[0],
         hashlib.sha256(json.dumps([(tile, s.source_hash) for tile, s in sets.items()]).encode()).hexdigest(),
         tuple(notes),
-        (*warnings, *_convention_warnings(sets), *_size_warnings(shading)),
+        (*warnings, *_convention_warnings(sets), *_size_warnings(size)),
     )
-    entries = {tile: _tile(tile, s, cells[tile], _neighbours(tile, set(sets))) for tile, s in inside.items()}
-    return Mosaic(texture_set, entries, rows, columns, cutoffs[0])
+    named = {tile: replace(each, name=name_with(each.name, tile)) for tile, each in inside.items()}
+    return Mosaic(texture_set, named, cells, rows, columns)
 
 
-def _neighbours(tile: int, among: set[int]) -> list[int]:
+def _neighbours(tile: int, among: Iterable[int]) -> list[int]:
     u, v = place(tile)
     return [t for t in among if t != tile and max(abs(place(t)[0] - u), abs(place(t)[1] - v)) == 1]
-
-
-def _tile(number: int, texture_set: TextureSet, cell: tuple[int, int], near: Iterable[int]) -> Tile:
-    sources = {m.source.path.name: m.source.sha256 for m in texture_set.maps.values() if m.source.path}
-    name = name_with(texture_set.name, number)
-    return Tile(name, *cell, tuple(sorted(near)), tuple(texture_set.plain_maps), sources)
 
 
 def _mosaic_map(
@@ -198,15 +164,9 @@ def _mosaic_map(
     if not known.all():
         if role == "anisotropy":
             pixels = untangled(pixels, CLAMPED)
-        filled = fill(pixels, known.astype(np.float32))
-        if role == "normal":
-            filled = normalised(filled)
-        elif role == "anisotropy":
-            filled[..., :2] = unit_directions(filled[..., :2])
+        filled = unit_vectors(fill(pixels, known.astype(np.float32)), role)
         pixels = np.where(known[..., None], pixels, filled)
-    encoding = LINEAR if role in COLOUR_ROLES else DATA
-    source = MapSource(role, None, "", pixels.shape[1], pixels.shape[0], "float", encoding, False, "tiles side by side")
-    return TextureMap(pixels, source)
+    return TextureMap(pixels, array_source(role, pixels, "tiles side by side"))
 
 
 def _constant(role: str) -> tuple[float, ...] | None:
@@ -246,13 +206,13 @@ def _lacking_notes(texture_set: TextureSet, roles: Iterable[str]) -> list[str]:
 def _convention_warnings(sets: Mapping[int, TextureSet]) -> list[str]:
     by_name: dict[str, list[str]] = {}
     for tile, texture_set in sets.items():
-        convention: NormalConvention = texture_set.convention
+        convention = texture_set.convention
         if convention.decided_by != "flat":
             by_name.setdefault(convention.name, []).append(str(tile))
     if len(by_name) < 2:
         return []
-    told = " and ".join(f"{listed(tiles)} as {spoken(name)}" for name, tiles in by_name.items())
-    return [f"normal maps of one set were read differently, {told}: set the normal convention"]
+    read = " and ".join(f"{listed(tiles)} as {spoken(name)}" for name, tiles in by_name.items())
+    return [f"normal maps of one set were read differently, {read}: set the normal convention"]
 
 
 def _size_warnings(size: tuple[int, int]) -> list[str]:

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from mipbake import material
 from mipbake.base.errors import UsageError
 from mipbake.material.pixel_filter import level_sizes
-from mipbake.source.jobs import Read
 from mipbake.source.opacity import keeping_coverage
 from mipbake.source.texture_set import TextureSet
 from mipbake.source.udim import CLAMPED, Mosaic, exact_levels
@@ -20,12 +19,12 @@ from mipbake.stack.packing import source_files
 from mipbake.stack.stack import MipStack
 
 
-def stacks_of(read: Read, baked: MipStack) -> Iterator[tuple[TextureSet, MipStack]]:
+def stacks_of(read: Mosaic, baked: MipStack) -> Iterator[tuple[TextureSet, MipStack]]:
     """Every texture set of what was read and baked at once, with its own stack."""
-    if read.mosaic is None:
+    if 0 in read.sets:
         yield read.texture_set, baked
         return
-    for tile, stack in split(baked, read.mosaic).items():
+    for tile, stack in split(baked, read).items():
         tiled = replace(read.sets[tile], wrap=stack.wrap)
         yield tiled, replace(stack, source_files=source_files(tiled), tile=tile)
 
@@ -53,25 +52,25 @@ def split(stack: MipStack, mosaic: Mosaic) -> Mapping[int, MipStack]:
     if promise is not None:
         promise = promise.first(exact)
     stacks = {}
-    for number, tile in mosaic.tiles.items():
-        cell = (tile.row, tile.column)
+    for number, tile in mosaic.sets.items():
+        cell, near = mosaic.cells[number], mosaic.near(number)
         # What is looked up between texels needs its vectors made unit again; what is cut out stays as it is.
         levels = [
             level if index < exact else material.regularise(level, stack.model)
             for index, level in enumerate(_cut(stack.levels, grid, cell))
         ]
-        together = f"tile {number} was filtered across its borders with {', '.join(str(n) for n in tile.near)}"
+        together = f"tile {number} was filtered across its borders with {', '.join(str(n) for n in near)}"
         own = hashlib.sha256(f"{stack.provenance.source_hash} {number}".encode()).hexdigest()
         provenance = replace(
             stack.provenance,
-            sources=tile.sources,
+            sources=tile.found.hashes,
             source_hash=own,
-            warnings=(*stack.provenance.warnings, *([f"{together}: bake them together again"] if tile.near else [])),
+            warnings=(*stack.provenance.warnings, *([f"{together}: bake them together again"] if near else [])),
             promise=promise,
         )
-        extra = {role: _cut(stack.extra[role], grid, cell) for role in tile.plain_roles}
-        if mosaic.alpha_cutoff is not None and "opacity" in extra:
-            extra["opacity"] = keeping_coverage(extra["opacity"], mosaic.alpha_cutoff)
+        extra = {role: _cut(stack.extra[role], grid, cell) for role in tile.plain_maps}
+        if tile.alpha_cutoff is not None and "opacity" in extra:
+            extra["opacity"] = keeping_coverage(extra["opacity"], tile.alpha_cutoff)
         stacks[number] = MipStack(tile.name, stack.model, levels, extra, CLAMPED, provenance)
     return stacks
 
