@@ -79,21 +79,19 @@ def _ktx2_info(path: Path) -> FileInfo:
     if not data.startswith(ktx2.IDENTIFIER):
         raise InputError(f"{path} is not a KTX 2 file: it does not begin like one; bake or download it again")
     outline = ktx2.outline(data, str(path))
+    values: dict[str, str] = {}
     if outline.readable:
-        return _gpu_info(path, "KTX 2", ktx2.stored(data, str(path)))
-    return FileInfo(path, "KTX 2", outline.texels, (), outline.levels, colour_space(outline.srgb), len(data))
+        ktx2.stored(data, str(path))  # whether it is complete
+        values = {key: value.rstrip(b"\0").decode("utf-8", "replace") for key, value in outline.values.items()}
+    about, space = told(values.pop(ABOUT, "")), colour_space(outline.srgb)
+    return FileInfo(path, "KTX 2", outline.texels, (), outline.levels, space, len(data), about, values)
 
 
 def _dds_info(path: Path) -> FileInfo:
-    return _gpu_info(path, "DDS (Direct3D 10)", dds.decoded(disk.read_bytes(path), str(path)))
-
-
-def _gpu_info(path: Path, kind: str, texture: GpuTexture | ktx2.StoredTexture) -> FileInfo:
-    values = {key: value.rstrip(b"\0").decode("utf-8", "replace") for key, value in texture.values.items()}
-    made, about = texture.format, told(values.pop(ABOUT, ""))
+    texture = dds.decoded(disk.read_bytes(path), str(path))
+    made = texture.format
     levels = tuple(level_size(texture.width, texture.height, index) for index in range(len(texture.levels)))
-    space = colour_space(made.srgb)
-    return FileInfo(path, kind, made.name, (), levels, space, path.stat().st_size, about, values)
+    return FileInfo(path, "DDS (Direct3D 10)", made.name, (), levels, colour_space(made.srgb), path.stat().st_size)
 
 
 KTX2 = GpuContainer(

@@ -16,7 +16,7 @@ from mipbake.base import memory
 from mipbake.base.errors import InputError
 from mipbake.base.messages import told_by
 from mipbake.base.publish import temporary_folder, write_temporary
-from mipbake.source.images import bc1, bc4, bc7, dds, uastc
+from mipbake.source.images import bc1, bc7, dds, uastc
 from mipbake.source.images.gpu_format import GpuFormat, GpuTexture, level_size
 
 Texels = NDArray[np.generic]
@@ -24,6 +24,9 @@ Bytes = NDArray[np.uint8]
 
 _AT_ONCE = 1 << 18
 """Texels whose blocks are made or read together."""
+
+_BC4_CODES = np.array([1, 7, 6, 5, 4, 3, 2, 0], np.uint8)
+"""What BC4 stores for each of the eight values from the least to the greatest."""
 
 
 def to_blocks(levels: Sequence[Texels], made: GpuFormat) -> tuple[bytes, ...]:
@@ -121,7 +124,21 @@ def _small(level: Bytes, made: GpuFormat) -> bytes:
     """A level of BC1, BC4 or BC5."""
     if made.name.startswith("BC1"):
         return bc1.compressed(level[..., :3]).tobytes()
-    return np.concatenate([bc4.compressed(level[..., i]) for i in range(made.channels)], 1).tobytes()
+    return np.concatenate([_bc4(level[..., i]) for i in range(made.channels)], 1).tobytes()
+
+
+def _bc4(level: Bytes) -> Bytes:
+    """(H, W) texels, sides multiples of 4, to (H / 4 * W / 4, 8) bytes of BC4, row by row: in each block the least and
+    the greatest value, and 3 bits a texel between them. Two blocks of BC4 are one of BC5."""
+    rows, columns = level.shape[0] // 4, level.shape[1] // 4
+    texels = level.reshape(rows, 4, columns, 4).swapaxes(1, 2).reshape(-1, 16).astype(np.int32)
+    greatest, least = texels.max(1), texels.min(1)
+    span = np.maximum(greatest - least, 1)[:, None]
+    codes = _BC4_CODES[(7 * (texels - least[:, None]) + span // 2) // span]
+    codes[greatest == least] = 0  # such a block has other values between its ends, but both ends are right
+    bits = codes[..., None] >> np.arange(3, dtype=np.uint8) & 1
+    ends = np.stack([greatest, least], 1).astype(np.uint8)
+    return np.concatenate([ends, np.packbits(bits.reshape(-1, 48), axis=1, bitorder="little")], 1)
 
 
 def _red_green(data: bytes, made: GpuFormat, width: int, height: int) -> Bytes:

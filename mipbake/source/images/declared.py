@@ -104,13 +104,6 @@ def orientation(value: object) -> int:
     return int(value) if isinstance(value, (int, np.integer)) and int(value) in _TURNS else 1
 
 
-def turned(first: int, then: int) -> int:
-    """The orientation that stands for two, one after the other."""
-    probe = np.arange(6).reshape(2, 3)
-    both = _turned(_turned(probe, first), then)
-    return next(each for each in _TURNS if np.array_equal(_turned(probe, each), both))
-
-
 def arranged(pixels: NDArray[Any], said: Declared) -> NDArray[Any]:
     """The image, (H, W, C), out of the texels that are stored: its channels, its window, its orientation."""
     if said.swizzle:

@@ -12,7 +12,7 @@ import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,8 +21,9 @@ from mipbake.base.errors import InputError
 from mipbake.source.images.colour_names import named_space
 from mipbake.source.images.declared import Declared, Window, orientation
 from mipbake.source.images.declared_colour import Colour, coded, primaries_of
-from mipbake.source.images.gpu_says import dds_said
 from mipbake.source.images.icc import profile_colour
+from mipbake.source.images.image_files import tiff_directories
+from mipbake.source.images.other_images import dds_said
 from mipbake.source.options import PREMULTIPLIED, STRAIGHT
 
 if TYPE_CHECKING:
@@ -184,7 +185,7 @@ _MOST_CHUNK = 1 << 24
 def _tiff(path: Path, spec: Spec) -> Declared:
     named = named_space(spec.getattribute("oiio:ColorSpace"), "colour space", Colour())
     colour = _profile(spec) if spec.getattribute("ICCProfile") is not None else named
-    samples = _tiff_shorts(path, _EXTRA_SAMPLES)
+    samples = _extra_samples(path)
     colours = spec.nchannels - len(samples)
     multiplied = 0 <= spec.alpha_channel - colours < len(samples) and samples[spec.alpha_channel - colours] == 1
     return Declared(
@@ -195,43 +196,21 @@ def _tiff(path: Path, spec: Spec) -> Declared:
     )
 
 
-_EXTRA_SAMPLES = 338
-
-
-def _tiff_shorts(path: Path, tag: int) -> tuple[int, ...]:
-    """The numbers of 16 bits of a tag of the first image; empty where the tag is not there.
+def _extra_samples(path: Path) -> tuple[int, ...]:
+    """What the first image of a TIFF file says of each channel beyond its colours; empty where it says nothing.
 
     OpenImageIO does not tell files that say that colours are multiplied by alpha from files that are silent.
     """
     try:
         with disk.opened(path) as file:
-            return _shorts(file, tag)
-    except (struct.error, OverflowError, ValueError, OSError):  # damage, which reading the texels will tell
+            order = "<" if file.read(2) == b"II" else ">"
+            _, found = next(tiff_directories(file, _MOST_SAMPLES), {}).get(_EXTRA_SAMPLES, (0, b""))
+            return struct.unpack(f"{order}{len(found) // 2}H", found)
+    except (struct.error, OverflowError, ValueError, OSError):  # damage, which reading the texels will show
         return ()
 
 
-def _shorts(file: BinaryIO, tag: int) -> tuple[int, ...]:
-    head = file.read(16)
-    order = "<" if head[:2] == b"II" else ">"
-    big = struct.unpack_from(f"{order}H", head, 2)[0] == 43
-    number, counted, word = ("Q", "Q", 8) if big else ("I", "H", 4)
-    file.seek(struct.unpack_from(f"{order}{number}", head, 8 if big else 4)[0])
-    (count,) = struct.unpack(f"{order}{counted}", file.read(struct.calcsize(counted)))
-    size = 4 + 2 * word
-    entries = file.read(min(count, 4096) * size)
-    for start in range(0, len(entries) - size + 1, size):
-        name, kind, many = struct.unpack_from(f"{order}HH{number}", entries, start)
-        if name != tag or kind != _SHORT or many > _MOST_SHORTS:
-            continue
-        values = entries[start + 4 + word : start + size]
-        if 2 * many > word:
-            file.seek(struct.unpack(f"{order}{number}", values)[0])
-            values = file.read(2 * many)
-        return struct.unpack_from(f"{order}{many}H", values)
-    return ()
-
-
-_SHORT, _MOST_SHORTS = 3, 64
+_EXTRA_SAMPLES, _MOST_SAMPLES = 338, 128
 
 
 def _targa(path: Path, spec: Spec) -> Declared:

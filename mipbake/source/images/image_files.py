@@ -8,9 +8,10 @@ not show that a file is whole. Everything that a library writes is looked throug
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+import zlib
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, BinaryIO, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,6 @@ from mipbake.base import disk
 from mipbake.base.errors import InputError, OutputError
 from mipbake.base.messages import told_by
 from mipbake.base.publish import check_room
-from mipbake.source.images.png import PNG_SIGNATURE, check_png
 
 if TYPE_CHECKING:
     import OpenImageIO
@@ -30,10 +30,13 @@ ABOUT = "mipbake"
 _TEXTS = (ABOUT, "ImageDescription", "Software", "textureformat", "wrapmodes")
 """Attributes that a file of EXR or TIFF gives back as they were given."""
 
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _EXR_SIGNATURE, _MULTI_PART, _TILED = b"\x76\x2f\x31\x01", 0x1000, 0x200
 _TIFF_SIGNATURES = (b"II*\0", b"II+\0")
 _TIFF_SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 7: 1, 13: 4, 16: 8, 18: 8}
 """Bytes of a value, by the number of its type."""
+
+_MOST_TAGS = 1 << 16
 
 _OF_A_LEVEL = {254, 256, 257, 324, 325, 34665}
 """Tags that differ from level to level: the kind, the size and the tiles of a level, and Exif, which level 0 has."""
@@ -117,36 +120,69 @@ def _missing_text(path: Path, spec: OpenImageIO.ImageSpec) -> str:
     return f"the attribute {lost[0]} is missing" if lost else ""
 
 
+def check_png(path: Path, file: BinaryIO) -> None:
+    """InputError for a PNG whose chunks are damaged or cut short: libpng fills what is missing silently, or prints to
+    the standard error itself.
+    """
+    size, at = file.seek(0, os.SEEK_END), len(PNG_SIGNATURE)
+    while at + 12 <= size:
+        file.seek(at)
+        length = int.from_bytes(file.read(4), "big")
+        if at + 12 + length > size:
+            break
+        chunk = file.read(4 + length)
+        if zlib.crc32(chunk) != int.from_bytes(file.read(4), "big"):
+            name = chunk[:4].decode("ascii", "replace")
+            raise InputError(f"{path} is damaged (checksum of {name} at byte {at}): export or download it again")
+        if chunk[:4] == b"IEND":
+            return
+        at += 12 + length
+    raise InputError(f"{path} is cut short after {size} bytes: export or download it again")
+
+
 def _check_tiff(path: Path) -> None:
     """InputError for a TIFF file whose levels have not all the same tags, each within the file and with the same value
     where all levels have one; nothing for a file that is none.
     """
     with disk.opened(path) as file:
         size = os.fstat(file.fileno()).st_size
-        signature = file.read(4)
-        if signature not in _TIFF_SIGNATURES:
+        if file.read(4) not in _TIFF_SIGNATURES:
             return
-        wide = signature == _TIFF_SIGNATURES[1]
-        word = 8 if wide else 4
-        file.seek(word)
-        every: list[dict[int, bytes]] = []
-        while at := _number(file, word):
-            file.seek(at)
-            tags: dict[int, bytes] = {}
-            for _ in range(_number(file, 8 if wide else 2)):
-                tag, kind, count = _number(file, 2), _number(file, 2), _number(file, word)
-                here, bytes_ = file.tell(), count * _TIFF_SIZES.get(kind, 0)
-                if bytes_ > word:
-                    file.seek(_number(file, word))
-                value = file.read(min(bytes_, size))
-                if not bytes_ or len(value) < bytes_:
-                    raise InputError(f"its tag {tag} of level {len(every)} is cut short")
-                if tag not in _OF_A_LEVEL:
-                    tags[tag] = value
-                file.seek(here + word)
-            every.append(tags)
-            if tags != every[0] or len(every) > size:
-                raise InputError(f"its level {len(every) - 1} has other tags than level 0")
+        first: dict[int, bytes] | None = None
+        for index, found in enumerate(tiff_directories(file, size)):
+            cut = [tag for tag, (length, value) in found.items() if not length or len(value) < length]
+            if cut:
+                raise InputError(f"its tag {cut[0]} of level {index} is cut short")
+            tags = {tag: value for tag, (_, value) in found.items() if tag not in _OF_A_LEVEL}
+            first = tags if first is None else first
+            if tags != first or index > size:
+                raise InputError(f"its level {index} has other tags than level 0")
+
+
+def tiff_directories(file: BinaryIO, most: int) -> Iterator[dict[int, tuple[int, bytes]]]:
+    """The tags of each image of a TIFF file, which may be a large one ("BigTIFF"): number to the length of its value,
+    and to the bytes of it, `most` at most, and fewer where the file ends before."""
+    file.seek(0)
+    head = file.read(4)
+    order: Literal["little", "big"] = "little" if head[:2] == b"II" else "big"
+    wide = int.from_bytes(head[2:], order) == 43
+    word = 8 if wide else 4
+
+    def number(size: int) -> int:
+        return int.from_bytes(file.read(size), order)
+
+    file.seek(word)
+    while at := number(word):
+        file.seek(at)
+        tags: dict[int, tuple[int, bytes]] = {}
+        for _ in range(min(number(8 if wide else 2), _MOST_TAGS)):
+            tag, kind, count = number(2), number(2), number(word)
+            here, length = file.tell(), count * _TIFF_SIZES.get(kind, 0)
+            if length > word:
+                file.seek(number(word))
+            tags[tag] = length, file.read(min(length, most))
+            file.seek(here + word)
+        yield tags
 
 
 def check_exr(path: Path) -> None:

@@ -10,8 +10,8 @@ import math
 import struct
 import sys
 import zlib
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from types import ModuleType
 
 from mipbake.base.errors import InputError
@@ -26,7 +26,7 @@ _START = len(IDENTIFIER) + _HEADER.size + _INDEX.size
 NONE, BASIS_LZ, ZSTANDARD, ZLIB = range(4)
 """supercompressionScheme of levels in the specification: as they are, one for ETC1S alone, or a stream for each."""
 
-_SCHEMES = {BASIS_LZ: "BasisLZ"}
+_READ_SCHEMES = (NONE, ZSTANDARD, ZLIB)
 
 MOST = 65536
 """Texels along a side; no graphics card has more, and a header that declares more is broken. The specification has no
@@ -58,9 +58,7 @@ def encoded(texture: GpuTexture, supercompress: bool) -> bytes:
         places[index] = place + padding
         place += padding + len(stored[index])
     scheme = ZSTANDARD if supercompress else NONE
-    header = _HEADER.pack(
-        made.vulkan, made.unit, texture.width, texture.height, 0, 0, 1, len(levels), scheme
-    )  # fmt: skip
+    header = _HEADER.pack(made.vulkan, made.unit, texture.width, texture.height, 0, 0, 1, len(levels), scheme)
     index_ = _INDEX.pack(descriptor_at, len(descriptor), values_at if values else 0, len(values), 0, 0)
     table = b"".join(
         _LEVEL.pack(at, len(packed), len(level)) for at, packed, level in zip(places, stored, levels, strict=True)
@@ -97,54 +95,42 @@ def _values(values: Mapping[str, bytes]) -> bytes:
 
 @dataclass(frozen=True)
 class Outline:
-    """What the header of a file tells, whatever its texels are.
+    """What the header of a file says, whatever its texels are.
 
     Args:
-        texels: what they are stored as. srgb: whether colours are encoded so.
-        levels: (width, height) of each, finest first.
-        readable: whether `decoded` reads files of this kind.
+        texels: what they are stored as, in the name that users know.
+        format: the format of texels that are decoded here; None for others.
+        levels: (width, height) of each, finest first; of level 0 alone where who loads the file is to make the others.
+        count: of levels that the file holds; 0: one, see above.
+        scheme: supercompressionScheme of the levels.
         transfer, primaries: of the descriptor, as numbers of the data format specification; 0 is unspecified.
         premultiplied: whether the descriptor says that colours are multiplied by alpha.
-        channels: of decoded texels of ETC1S, those that the texture has; empty for other texels.
-        alpha: of ETC1S, which of these is alpha; -1: none.
+        channels: of the descriptor's samples.
         several: what makes it more than one image of two dimensions, and how to get one; empty where it is one.
         values: key-value data.
     """
 
     texels: str
-    srgb: bool
+    format: GpuFormat | None
     levels: tuple[tuple[int, int], ...]
-    readable: bool
-    transfer: int = 0
-    primaries: int = 0
-    premultiplied: bool = False
-    channels: tuple[int, ...] = ()
-    alpha: int = -1
-    several: str = ""
-    values: Mapping[str, bytes] = field(default_factory=dict)
+    count: int
+    scheme: int
+    transfer: int
+    primaries: int
+    premultiplied: bool
+    channels: tuple[int, ...]
+    several: str
+    values: Mapping[str, bytes]
 
+    @property
+    def srgb(self) -> bool:
+        """Whether colours are sRGB-encoded."""
+        return self.transfer == _SRGB
 
-def outline(data: bytes, name: str) -> Outline:
-    """What the header of a file tells; InputError, which calls it `name`, where it is not a KTX 2 file or is broken."""
-    try:
-        head = _head(data, name)
-    except struct.error as error:
-        raise InputError(f"{name} ends within its header: it is not a complete KTX 2 file") from error
-    _check_size(head, name, 0)  # 0 levels are to be made by who loads the file
-    channels, alpha = _etc1s_channels(head.channels) if _texels(head) == ETC1S else ((), -1)
-    return Outline(
-        _texels(head),
-        head.transfer == _SRGB,
-        tuple(level_size(head.width, head.height, index) for index in range(max(1, head.count))),
-        head.made is not None and not head.several and head.scheme in (NONE, ZSTANDARD, ZLIB),
-        head.transfer,
-        head.primaries,
-        head.premultiplied,
-        channels,
-        alpha,
-        head.several,
-        _values_of(data, name),
-    )
+    @property
+    def readable(self) -> bool:
+        """Whether `decoded` reads files of this kind."""
+        return self.format is not None and not self.several and self.scheme in _READ_SCHEMES
 
 
 ETC1S = "ETC1S"
@@ -155,164 +141,106 @@ _MODELS = {
 }
 """Colour models in the data format specification."""
 
-
-def _texels(head: _Head) -> str:
-    """What texels are stored as, by the name that users know."""
-    if head.made is not None:
-        return head.made.name
-    number = f"Vulkan format {head.vulkan}"
-    name = _MODELS.get(head.model)
-    if name is None:
-        return number if head.vulkan else f"colour model {head.model}"
-    return f"{name} ({number})" if head.vulkan else name
-
-
-_RED_SLICE, _GREEN_SLICE, _ALPHA_SLICE = 3, 4, 15
-"""Channels of the samples of ETC1S that hold the same number in red, green and blue."""
-
-
-def _etc1s_channels(slices: Sequence[int]) -> tuple[tuple[int, ...], int]:
-    """The channels of decoded texels that a texture of these slices has, and the index of alpha; the second slice is
-    decoded to alpha, whatever it holds."""
-    colours = (0,) if slices[0] == _RED_SLICE else (0, 1, 2)
-    second = slices[1:2]
-    alpha = len(colours) if second == (_ALPHA_SLICE,) else -1
-    return (*colours, *(3 for _ in second)), alpha
-
-
-@dataclass(frozen=True)
-class _Head:
-    """The fields of a header; `several`: which layers, faces or slices there are; `channels`: of the descriptor's
-    samples; `made`: None for other formats."""
-
-    vulkan: int
-    width: int
-    height: int
-    several: str
-    count: int
-    scheme: int
-    model: int
-    primaries: int
-    transfer: int
-    premultiplied: bool
-    channels: tuple[int, ...]
-    made: GpuFormat | None
-
-
 _PREMULTIPLIED = 1  # flag of the descriptor
 _MOST_SAMPLES = 16  # of the descriptor; formats that are known here have four at most
 
 
-def _several(depth: int, layers: int, faces: int) -> str:
-    """What is more than one image; one layer, or one slice, is an image."""
-    found = [
-        (f"a cube map of {faces} faces", "face", "--face") if faces != 1 else None,
-        (f"an array of {layers} layers", "layer", "--layer") if layers > 1 else None,
-        (f"a 3D texture of {depth} slices", "slice", "--depth") if depth > 1 else None,
-    ]
-    for each in found:
-        if each is not None:
-            what, part, option = each
-            return f"{what}: extract one {part} as an image of its own (ktx extract {option} 0)"
-    return ""
-
-
-def _head(data: bytes, name: str) -> _Head:
-    if data[: len(IDENTIFIER)] != IDENTIFIER:
-        raise InputError(f"{name} is not a KTX 2 file: it does not begin like one")
-    vulkan, _, width, height, depth, layers, faces, count, scheme = _HEADER.unpack_from(data, len(IDENTIFIER))
-    descriptor_at, *_ = _INDEX.unpack_from(data, len(IDENTIFIER) + _HEADER.size)
-    size, model, primaries, transfer, flags = struct.unpack_from("<H4B", data, descriptor_at + 10)
-    samples = min(_MOST_SAMPLES, max(1, (size - 24) // 16))
-    channels = tuple(struct.unpack_from("<B", data, descriptor_at + 31 + 16 * i)[0] & 15 for i in range(samples))
-    made = next((f for f in READ_FORMATS.values() if _is(f, vulkan, model, transfer, channels[0])), None)
-    return _Head(
-        vulkan,
-        width,
-        height,
-        _several(depth, layers, faces),
-        count,
-        scheme,
-        model,
-        primaries,
-        transfer,
-        bool(flags & _PREMULTIPLIED),
-        channels,
-        made,
-    )
-
-
-def _check_size(head: _Head, name: str, least: int) -> None:
-    """InputError where no texture is so large, or has so many levels, `least` or more."""
-    if not head.width or not head.height:
-        raise InputError(f"{name} is {head.width} x {head.height} texels: expected a texture of two dimensions")
-    if max(head.width, head.height) > MOST:
-        raise InputError(f"{name} declares {head.width} x {head.height} texels: expected {MOST} along a side at most")
-    most = max(head.width, head.height).bit_length()
-    if not least <= head.count <= most:
-        raise InputError(f"{name} declares {head.count} levels: {head.width} x {head.height} texels have 1 to {most}")
-
-
-@dataclass(frozen=True)
-class StoredTexture:
-    """A texture as a file stores it: like `GpuTexture`, with levels that may still be streams of a scheme."""
-
-    format: GpuFormat
-    width: int
-    height: int
-    levels: tuple[bytes, ...]
-    values: Mapping[str, bytes]
-    scheme: int
-
-
-def stored(data: bytes, name: str) -> StoredTexture:
-    """What is in a file, nothing inflated; InputError as for `decoded`, except for streams that are broken."""
+def outline(data: bytes, name: str) -> Outline:
+    """What the header of a file says; InputError, which calls it `name`, where it is not a KTX 2 file or is broken."""
     try:
-        return _stored(data, name)
+        return _outline(data, name)
     except struct.error as error:
         raise InputError(f"{name} ends within its header: it is not a complete KTX 2 file") from error
 
 
-def decoded(data: bytes, name: str) -> GpuTexture:
-    """The texture of a file; InputError, which calls it `name`, where it is broken or of a kind that is not read."""
-    found = stored(data, name)
-    levels = found.levels
-    if found.scheme != NONE:
-        inflate = _inflated if found.scheme == ZSTANDARD else _inflated_by_zlib
-        sizes = (found.format.level_size(*level_size(found.width, found.height, i)) for i in range(len(levels)))
-        levels = tuple(inflate(*each, name, i) for i, each in enumerate(zip(levels, sizes, strict=True)))
-    return GpuTexture(found.format, found.width, found.height, levels, found.values)
+def _outline(data: bytes, name: str) -> Outline:
+    if data[: len(IDENTIFIER)] != IDENTIFIER:
+        raise InputError(f"{name} is not a KTX 2 file: it does not begin like one")
+    vulkan, _, width, height, depth, layers, faces, count, scheme = _HEADER.unpack_from(data, len(IDENTIFIER))
+    descriptor_at, _, values_at, values_length, *_ = _INDEX.unpack_from(data, len(IDENTIFIER) + _HEADER.size)
+    size, model, primaries, transfer, flags = struct.unpack_from("<H4B", data, descriptor_at + 10)
+    samples = min(_MOST_SAMPLES, max(1, (size - 24) // 16))
+    channels = tuple(struct.unpack_from("<B", data, descriptor_at + 31 + 16 * i)[0] & 15 for i in range(samples))
+    if not width or not height:
+        raise InputError(f"{name} is {width} x {height} texels: expected a texture of two dimensions")
+    if max(width, height) > MOST:
+        raise InputError(f"{name} declares {width} x {height} texels: expected {MOST} along a side at most")
+    most = max(width, height).bit_length()
+    if count > most:
+        raise InputError(f"{name} declares {count} levels: {width} x {height} texels have 1 to {most}")
+    made = next((f for f in READ_FORMATS.values() if _is(f, vulkan, model, transfer, channels[0])), None)
+    number = f"Vulkan format {vulkan}" if vulkan else ""
+    texels = _MODELS.get(model, "" if vulkan else f"colour model {model}")
+    return Outline(
+        made.name if made else f"{texels} ({number})" if texels and number else texels or number,
+        made,
+        tuple(level_size(width, height, index) for index in range(max(1, count))),
+        count,
+        scheme,
+        transfer,
+        primaries,
+        bool(flags & _PREMULTIPLIED),
+        channels,
+        _several(depth, layers, faces),
+        _read_values(data[values_at : values_at + values_length], name),
+    )
 
 
-def _stored(data: bytes, name: str) -> StoredTexture:
-    head = _head(data, name)
-    made, width, height = head.made, head.width, head.height
-    check_single(head.several, name)
-    if made is None:
+def _several(depth: int, layers: int, faces: int) -> str:
+    """What is more than one image; one layer, or one slice, is an image."""
+    for what, part, option in (
+        *([(f"a cube map of {faces} faces", "face", "--face")] if faces != 1 else []),
+        *([(f"an array of {layers} layers", "layer", "--layer")] if layers > 1 else []),
+        *([(f"a 3D texture of {depth} slices", "slice", "--depth")] if depth > 1 else []),
+    ):
+        return f"{what}: extract one {part} as an image of its own (ktx extract {option} 0)"
+    return ""
+
+
+def stored(data: bytes, name: str) -> tuple[bytes, ...]:
+    """The levels of a file, nothing inflated; InputError as for `decoded`, except for streams that are broken."""
+    found = outline(data, name)
+    if found.several:
+        raise InputError(f"{name} holds {found.several}")
+    if found.format is None:
         raise InputError(
-            f"{name} has texels of {_texels(head)}, which are not decoded here: expected plain ones of 8 bits or half "
+            f"{name} has texels of {found.texels}, which are not decoded here: expected plain ones of 8 bits or half "
             "floats, BC1 to BC5, BC7, UASTC or ETC1S; export it as PNG or EXR (ktx extract)"
         )
-    _check_size(head, name, 1)
-    if head.scheme not in (NONE, ZSTANDARD, ZLIB):
-        scheme = _SCHEMES.get(head.scheme, str(head.scheme))
+    if not found.count:
+        width, height = found.levels[0]
+        most = max(width, height).bit_length()
+        raise InputError(f"{name} declares 0 levels: {width} x {height} texels have 1 to {most}")
+    if found.scheme not in _READ_SCHEMES:
+        scheme = "BasisLZ" if found.scheme == BASIS_LZ else str(found.scheme)
         raise InputError(
             f"{name} has the supercompression scheme {scheme}: expected none, Zstandard or zlib; pack it again"
         )
     levels = []
-    for index in range(head.count):
-        at, length, inflated = _LEVEL.unpack_from(data, _START + _LEVEL.size * index)
+    for index, size in enumerate(found.levels):
+        try:
+            at, length, inflated = _LEVEL.unpack_from(data, _START + _LEVEL.size * index)
+        except struct.error as error:
+            raise InputError(f"{name} ends within its header: it is not a complete KTX 2 file") from error
         levels.append(data[at : at + length])
-        expected = made.level_size(*level_size(width, height, index))
-        if len(levels[-1]) != length or inflated != expected or (head.scheme == NONE and length != expected):
+        expected = found.format.level_size(*size)
+        if len(levels[-1]) != length or inflated != expected or (found.scheme == NONE and length != expected):
             raise InputError(f"{name} lacks bytes of level {index}: it is not complete, or its index is wrong")
-    return StoredTexture(made, width, height, tuple(levels), _values_of(data, name), head.scheme)
+    return tuple(levels)
 
 
-def check_single(several: str, name: str) -> None:
-    """InputError for more than one image; `several`: of `Outline`."""
-    if several:
-        raise InputError(f"{name} holds {several}")
+def decoded(data: bytes, name: str) -> GpuTexture:
+    """The texture of a file; InputError, which calls it `name`, where it is broken or of a kind that is not read."""
+    levels, found = stored(data, name), outline(data, name)
+    assert found.format is not None
+    if found.scheme != NONE:
+        inflate = _by_zstandard if found.scheme == ZSTANDARD else _by_zlib
+        sizes = (found.format.level_size(*size) for size in found.levels)
+        levels = tuple(
+            _inflated(level, size, f"level {index} of {name}", inflate)
+            for index, (level, size) in enumerate(zip(levels, sizes, strict=True))
+        )
+    return GpuTexture(found.format, *found.levels[0], levels, found.values)
 
 
 def _is(made: GpuFormat, vk_format: int, model: int, transfer: int, channel: int) -> bool:
@@ -331,38 +259,32 @@ def _zstandard() -> ModuleType:
     return zstd
 
 
-def _inflated(stored: bytes, size: int, name: str, index: int) -> bytes:
+def _inflated(stored: bytes, size: int, what: str, inflate: Callable[[bytes, int, str], bytes]) -> bytes:
     """A level of `size` bytes, and no more of the stream than that: a short one can inflate to gigabytes."""
-    library = _zstandard()
-    try:
-        told = library.get_frame_info(stored).decompressed_size
-        if told not in (None, size):  # None: the stream does not tell
-            raise InputError(f"level {index} of {name} has {told} bytes when inflated, expected {size}")
-        inflated: bytes = library.ZstdDecompressor().decompress(stored, size + 1)
-    except library.ZstdError as error:
-        raise InputError(f"level {index} of {name} is not a Zstandard stream ({error})") from error
-    return _sized(inflated, size, name, index)
-
-
-def _inflated_by_zlib(stored: bytes, size: int, name: str, index: int) -> bytes:
-    """The same for a stream of zlib."""
-    try:
-        inflated = zlib.decompressobj().decompress(stored, size + 1)
-    except zlib.error as error:
-        raise InputError(f"level {index} of {name} is not a zlib stream ({error})") from error
-    return _sized(inflated, size, name, index)
-
-
-def _sized(inflated: bytes, size: int, name: str, index: int) -> bytes:
+    inflated = inflate(stored, size, what)
     if len(inflated) != size:
         found = f"more than {size}" if len(inflated) > size else str(len(inflated))
-        raise InputError(f"level {index} of {name} has {found} bytes when inflated, expected {size}")
+        raise InputError(f"{what} has {found} bytes when inflated, expected {size}")
     return inflated
 
 
-def _values_of(data: bytes, name: str) -> dict[str, bytes]:
-    *_, at, length, _, _ = _INDEX.unpack_from(data, len(IDENTIFIER) + _HEADER.size)
-    return _read_values(data[at : at + length], name)
+def _by_zstandard(stored: bytes, size: int, what: str) -> bytes:
+    library = _zstandard()
+    try:
+        declared = library.get_frame_info(stored).decompressed_size
+        if declared not in (None, size):  # None: the stream does not say
+            raise InputError(f"{what} has {declared} bytes when inflated, expected {size}")
+        inflated: bytes = library.ZstdDecompressor().decompress(stored, size + 1)
+    except library.ZstdError as error:
+        raise InputError(f"{what} is not a Zstandard stream ({error})") from error
+    return inflated
+
+
+def _by_zlib(stored: bytes, size: int, what: str) -> bytes:
+    try:
+        return zlib.decompressobj().decompress(stored, size + 1)
+    except zlib.error as error:
+        raise InputError(f"{what} is not a zlib stream ({error})") from error
 
 
 def _read_values(data: bytes, name: str) -> dict[str, bytes]:

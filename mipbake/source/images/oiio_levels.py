@@ -14,8 +14,7 @@ from mipbake.base import disk
 from mipbake.base.errors import InputError
 from mipbake.base.messages import told_by
 from mipbake.source.images.file_facts import FileInfo, told
-from mipbake.source.images.image_files import ABOUT, write_image
-from mipbake.source.images.png import PNG_SIGNATURE, check_png
+from mipbake.source.images.image_files import ABOUT, PNG_SIGNATURE, check_png, write_image
 from mipbake.source.images.quantise import dequantised, quantised
 from mipbake.source.images.read_back import Band, whole_levels
 from mipbake.source.layout import FileLayout

@@ -18,7 +18,7 @@ from mipbake.base.errors import InputError
 from mipbake.base.messages import listed, told_by
 from mipbake.source.images.declared import arranged, in_gltf
 from mipbake.source.images.image import Header, Image, Place
-from mipbake.source.images.png import PNG_SIGNATURE, check_png
+from mipbake.source.images.image_files import PNG_SIGNATURE, check_png
 
 if TYPE_CHECKING:
     import OpenImageIO
@@ -47,7 +47,9 @@ def read_header(path: Path, role: str = "", metadata: bool = True) -> Header:
         metadata: whether what the file says of orientation, alpha and colours counts; in glTF it does not.
     """
     if _is_other(path):
-        return _other_header(path, disk.read_bytes(path), metadata)
+        from mipbake.source.images.other_images import header_of
+
+        return _applied(header_of(disk.read_bytes(path), path), metadata)
     return _header(path, _open(path), role, metadata)
 
 
@@ -62,10 +64,21 @@ def read_image(path: Path, role: str | Place = "", metadata: bool = True) -> Ima
         check_png(path, io.BytesIO(data))
     digest = hashlib.sha256(data).hexdigest()
     if _is_other(path):
-        return _other_image(path, data, digest, metadata)
-    del data
-    image = _open(path)
-    header = _header(path, image, role, metadata)
+        from mipbake.source.images.other_images import header_of, pixels_of
+
+        header, pixels = _applied(header_of(data, path), metadata), pixels_of(data, path)
+    else:
+        del data
+        image = _open(path)
+        header = _header(path, image, role, metadata)
+        pixels = _pixels(path, image, header)
+    pixels = arranged(pixels, header.declared)
+    _check_finite(path, pixels)
+    return Image(pixels, header, digest)
+
+
+def _pixels(path: Path, image: OpenImageIO.ImageInput, header: Header) -> NDArray[np.generic]:
+    """(H, W, C) texels of an image as stored, in the channels that its header names."""
     stored = header.depth if header.depth in _NATIVE else "float"
     spec, channels = image.spec(), header.declared.channels or tuple(range(image.spec().nchannels))
     pixels = memory.empty((spec.height, spec.width, len(channels)), _NATIVE[stored])
@@ -79,9 +92,7 @@ def read_image(path: Path, role: str | Place = "", metadata: bool = True) -> Ima
         some = texels.reshape(-1, spec.width, high - low)
         pixels[rows] = some if ordered else some[..., order]
     image.close()
-    pixels = arranged(pixels, header.declared)
-    _check_finite(path, pixels)
-    return Image(pixels, header, digest)
+    return pixels
 
 
 def _bands(
@@ -110,23 +121,12 @@ def _is_other(path: Path) -> bool:
         return is_other(file.read(START))
 
 
-def _other_header(path: Path, data: bytes, metadata: bool) -> Header:
-    from mipbake.source.images.other_images import outline
-
-    found = outline(data, path)
-    said = found.declared if metadata else in_gltf(found.declared)
-    width, height = said.size(found.width, found.height)
-    _check_size(path, width, height)
-    return Header(path, width, height, found.channels, found.alpha, found.depth, said)
-
-
-def _other_image(path: Path, data: bytes, digest: str, metadata: bool) -> Image:
-    from mipbake.source.images.other_images import pixels_of
-
-    header = _other_header(path, data, metadata)
-    pixels = arranged(pixels_of(data, path), header.declared)
-    _check_finite(path, pixels)
-    return Image(pixels, header, digest)
+def _applied(header: Header, metadata: bool) -> Header:
+    """A header of stored texels made that of the image, as the file says that they are turned and placed."""
+    said = header.declared if metadata else in_gltf(header.declared)
+    width, height = said.size(header.width, header.height)
+    _check_size(header.path, width, height)
+    return replace(header, width=width, height=height, declared=said)
 
 
 def _open(path: Path) -> OpenImageIO.ImageInput:
@@ -170,8 +170,8 @@ def _header(path: Path, image: OpenImageIO.ImageInput, role: str | Place, metada
         channels, alpha, depth = len(layer.channels), layer.alpha, layer.depth
         said = replace(said, channels=layer.channels, part=layer.part, layer=layer.name)
         if others:
-            told = f"its layer {layer.name or 'without a name'} is taken, and not {others}"
-            said = replace(said, notes=(*said.notes, told))
+            note = f"its layer {layer.name or 'without a name'} is taken, and not {others}"
+            said = replace(said, notes=(*said.notes, note))
     elif said.channels:
         channels, alpha = len(said.channels), said.channels.index(alpha) if alpha in said.channels else -1
     elif kind == "tiff":
@@ -185,11 +185,9 @@ def _header(path: Path, image: OpenImageIO.ImageInput, role: str | Place, metada
     if layer is None and channels > 3:
         unknown = [name for index, name in enumerate(spec.channelnames) if index > 2 and index != alpha]
         if unknown:
-            told = f"the file does not say what is in its channels {listed(unknown)}: they are left out"
-            said = replace(said, notes=(*said.notes, told))
-    said = said if metadata else in_gltf(said)
-    width, height = said.size(spec.width, spec.height)
-    return Header(path, width, height, channels, alpha, depth, said)
+            note = f"the file does not say what is in its channels {listed(unknown)}: they are left out"
+            said = replace(said, notes=(*said.notes, note))
+    return _applied(Header(path, spec.width, spec.height, channels, alpha, depth, said), metadata)
 
 
 def _check_size(path: Path, width: int, height: int) -> None:

@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 
 from mipbake.base.errors import InputError, UsageError
 from mipbake.base.messages import one_line
-from mipbake.base.publish import temporary_folder, write_temporary
 from mipbake.source.images import ktx2
 from mipbake.source.images.gpu_format import GpuFormat, GpuTexture, level_size
-from mipbake.source.images.oiio_levels import reader
 
 _QUALITY, _EFFORT = 100, 3
 """The best quality; effort 5 takes two to three times as long for nothing, 9 over a hundred times for 0.1 to 0.2 dB."""
@@ -46,18 +44,11 @@ def compressed(levels: Sequence[NDArray[np.generic]], made: GpuFormat) -> tuple[
 
 def decompressed(texture: GpuTexture) -> list[NDArray[np.generic]]:
     """(H, W, 4) uint8 texels of every level."""
-    decoder, data = _library(), ktx2.encoded(texture, supercompress=False)
+    data = ktx2.encoded(texture, supercompress=False)
     levels: list[NDArray[np.generic]] = []
-    with temporary_folder() as folder:
-        path = folder / "level.png"
-        for index in range(len(texture.levels)):
-            write_temporary(path, decoder.decode_ktx2_to_bytes(data, format="png", level=index)[0])
-            source = reader(path)
-            pixels = np.asarray(source.read_image("uint8"), np.uint8)
-            source.close()
-            width, height = level_size(texture.width, texture.height, index)
-            pixels = pixels[:height, :width]  # whole blocks come back
-            levels.append(pixels if pixels.shape[2] == 4 else np.concatenate([pixels, pixels[..., :1] * 0 + 255], -1))
+    for index in range(len(texture.levels)):
+        width, height = level_size(texture.width, texture.height, index)
+        levels.append(_level(data, index)[:height, :width])  # whole blocks come back
     return levels
 
 
@@ -67,14 +58,18 @@ def transcoded(data: bytes) -> NDArray[np.uint8]:
     Raises:
         InputError: the file is broken. UsageError: the transcoder is not installed.
     """
-    from PIL import Image
-
-    decoder = _library()
     try:
-        with Image.open(io.BytesIO(decoder.decode_ktx2_to_bytes(data, format="png", level=0)[0])) as image:
-            return np.asarray(image.convert("RGBA"))
+        return _level(data, 0)
     except (RuntimeError, ValueError, OSError) as error:
         raise InputError(f"its blocks are broken ({one_line(str(error))}), export or download it again") from error
+
+
+def _level(data: bytes, index: int) -> NDArray[np.uint8]:
+    """(H, W, 4) texels of a level of a KTX 2 file."""
+    from PIL import Image
+
+    with Image.open(io.BytesIO(_library().decode_ktx2_to_bytes(data, format="png", level=index)[0])) as image:
+        return np.asarray(image.convert("RGBA"))
 
 
 def _library() -> ModuleType:
