@@ -13,7 +13,6 @@ import pytest
 import mipbake
 from mipbake.base.errors import InputError
 from mipbake.base.srgb import srgb_to_linear
-from mipbake.cli.main import main
 from mipbake.source.images.read import read_header, read_image
 
 from .gltf_files import GltfFile
@@ -54,8 +53,10 @@ def write_turned(path: Path, stored: np.ndarray, orientation: int) -> Path:
     return path
 
 
-@pytest.mark.parametrize("orientation", range(1, 9))
-@pytest.mark.parametrize("suffix", ["tif", "png", "jpg", "webp", "avif", "hdr"])
+@pytest.mark.parametrize(
+    ("suffix", "orientation"),
+    [*((s, o) for s in ("tif", "hdr") for o in range(1, 9)), *((s, 6) for s in ("png", "jpg", "webp", "avif"))],
+)
 def test_images_are_turned_once(suffix: str, orientation: int, tmp_path: Path) -> None:
     v, u = np.meshgrid(np.linspace(40, 200, 9), np.linspace(60, 240, 14), indexing="ij")
     image = np.stack([v, u, (u + v) / 3 + 90], -1).astype(np.uint8)
@@ -80,11 +81,10 @@ def normals_of(field: np.ndarray) -> np.ndarray:
     return normals / np.linalg.norm(normals, axis=-1, keepdims=True)
 
 
-@pytest.mark.parametrize("directx", [False, True])
 @pytest.mark.parametrize("orientation", range(1, 9))
-def test_vectors_turn_with_their_texels(orientation: int, directx: bool, tmp_path: Path) -> None:
+def test_vectors_turn_with_their_texels(orientation: int, tmp_path: Path) -> None:
     """What is stored is what a program would make of the stored height field."""
-    field, normals = bumps()
+    (field, normals), directx = bumps(), orientation in (5, 6)
     stored = normals_of(STORED[orientation](field))
     write_turned(tmp_path / "wood_normal.png", encoded(stored, directx), orientation)
     directions = bytes_of(np.concatenate([(stored[..., :2] + 1) / 2, np.ones_like(stored[..., :1])], -1))
@@ -187,9 +187,8 @@ def write_tiff(path: Path, texels: np.ndarray, extra: int | None) -> Path:
 @pytest.mark.parametrize(
     ("name", "kind", "multiplied", "asked"),
     [
-        *((f"a_color.{suffix}", {}, False, None) for suffix in ("png", "webp", "tga")),
-        ("a_color.png", {"top": 65535}, False, None),
-        *(("a_color.tif", {"extra": extra, "top": top}, extra == 1, None) for extra in (1, 2) for top in (255, 65535)),
+        ("a_color.png", {}, False, None),
+        *(("a_color.tif", {"extra": extra, "top": top}, extra == 1, None) for extra, top in ((1, 255), (2, 65535))),
         ("a_color.tif", {"extra": 1, "grey": True}, True, None),
         ("a_color.tif", {"extra": None}, False, None),
         ("a_color.exr", {}, True, None),
@@ -215,13 +214,6 @@ def test_colours_are_divided_by_alpha_where_the_file_says_so(
     assert any("exceed their alpha" in each for each in found.warnings) == doubted
 
 
-def test_values_beside_an_alpha_are_never_divided(tmp_path: Path) -> None:
-    texels = np.tile(np.array([0.2, 0.3, 0.4, 0.5], np.float32), (4, 4, 1))
-    write_image(tmp_path / "wood_maskmap.exr", texels, "half")
-    found = mipbake.load([tmp_path / "wood_maskmap.exr"], maps={"normal": None, "base_color": None})
-    np.testing.assert_allclose(found.maps["metallic"].pixels, 0.2, atol=1e-3)
-
-
 def test_colours_that_this_program_wrote_are_not_divided(tmp_path: Path) -> None:
     """Colours in its EXR files are not multiplied by the alpha beside them."""
     write_image(tmp_path / "a_color.png", np.tile(np.array([30, 20, 10, 200], np.uint8), (4, 4, 1)))
@@ -237,21 +229,14 @@ def test_colours_that_this_program_wrote_are_not_divided(tmp_path: Path) -> None
     [
         ([{"A": 1, "AO.x": 0.75, **RGB, "Z": 7}], "base_color", (0.5, 0.25, 0.125, 1)),
         ([{"B": 0.125, "G": 0.25, "R": 0.5}], "base_color", (0.5, 0.25, 0.125)),
-        ([{"blue": 0.125, "green": 0.25, "red": 0.5}], "base_color", (0.5, 0.25, 0.125)),
         ([{"Y": 0.5, "A": 1}], "base_color", (0.5, 1)),
         ([{"Z": 0.5}], "height", (0.5,)),
         ([{"A": 0.5}], "opacity", (0.5,)),
         ([{"normal.X": 0.5, "normal.Y": 0.25, "normal.Z": 0.125}], "normal", (0.5, 0.25, 0.125)),
         ([{"albedo.R": 0.1, "albedo.G": 0.1, "albedo.B": 0.1, "roughness.R": 0.5}], "roughness", (0.5,)),
-        (
-            [{"albedo.R": 0.5, "albedo.G": 0.25, "albedo.B": 0.125, "roughness.R": 0.1}],
-            "base_color",
-            (0.5, 0.25, 0.125),
-        ),
         ([{**RGB, "roughness": 0.75}], "roughness", (0.75,)),
         ([{**RGB, "roughness": 0.75}], "base_color", (0.5, 0.25, 0.125)),
         ([RGB, {"Y": 0.75}], "roughness", (0.75,)),
-        ([RGB, {"Y": 0.75}], "base_color", (0.5, 0.25, 0.125)),
     ],
 )
 def test_channels_of_exr_are_known_by_their_names(
@@ -319,17 +304,23 @@ def test_the_display_window_is_the_texture(
     np.testing.assert_allclose(pixels, wanted, atol=1e-3)
 
 
-@pytest.mark.parametrize("window", [(10, 0, 8, 8), (0, 0, 1 << 20, 1 << 20)])
-def test_windows_without_sense_are_refused(window: tuple[int, ...], tmp_path: Path) -> None:
-    path = write_exr(tmp_path / "a.exr", RGB, window=window)
-    with pytest.raises(InputError, match=r"a\.exr stores 6 x 4 texels at .* expected a data window within"):
-        read_header(path)
+def test_windows_without_sense_are_refused(tmp_path: Path) -> None:
+    for window in ((10, 0, 8, 8), (0, 0, 1 << 20, 1 << 20)):
+        path = write_exr(tmp_path / "a.exr", RGB, window=window)
+        with pytest.raises(InputError, match=r"a\.exr stores 6 x 4 texels at .* expected a data window within"):
+            read_header(path)
+    write_exr(tmp_path / "a_normal.exr", {"R": 0.5, "G": 0.5, "B": 1.0}, window=(1, 1, 8, 6))
+    with pytest.raises(InputError, match=r"a_normal\.exr stores a part of its display window.* no normal"):
+        mipbake.load([tmp_path / "a_normal.exr"], maps={"roughness": 0.5, "base_color": None})
 
 
 @pytest.mark.parametrize(
-    ("kind", "alpha", "note"), [(1, "straight", True), (3, "straight", False), (4, "premultiplied", False)]
+    ("corner", "kind", "alpha", "note"),
+    [
+        *((0, 1, "straight", True), (0x10, 3, "straight", False)),
+        *((0x20, 4, "premultiplied", False), (0x30, 4, "premultiplied", False)),
+    ],
 )
-@pytest.mark.parametrize("corner", [0, 0x10, 0x20, 0x30])
 def test_what_targa_says(corner: int, kind: int, alpha: str, note: bool, tmp_path: Path) -> None:
     """The corner that texels begin in, and the kind of alpha."""
     image = np.arange(24, dtype=np.uint8).reshape(2, 3, 4)
@@ -349,19 +340,3 @@ def test_channels_without_a_meaning_are_told(tmp_path: Path) -> None:
     found = bake_colour(tmp_path, "a_color.tif")
     assert "opacity" not in found.maps
     assert "a_color.tif: the file does not say what is in its channels channel3: they are left out" in found.notes
-
-
-def test_the_command_line_decides_over_the_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    write_alpha(tmp_path / "a_color.tif", True, extra=1)
-    given = ["inspect", str(tmp_path), "--map", "roughness=0.5", "--map", "normal=none"]
-    for asked, divided in ([], True), (["--alpha", "straight"], False):
-        assert main([*given, *asked]) == 0
-        assert ("are divided by it" in capsys.readouterr().out) == divided
-    assert main([*given, "--alpha", "half"]) == 2
-    assert "straight, premultiplied" in capsys.readouterr().err
-
-
-def test_vectors_without_a_border_are_expected(tmp_path: Path) -> None:
-    write_exr(tmp_path / "a_normal.exr", {"R": 0.5, "G": 0.5, "B": 1.0}, window=(1, 1, 8, 6))
-    with pytest.raises(InputError, match=r"a_normal\.exr stores a part of its display window.* no normal"):
-        mipbake.load([tmp_path / "a_normal.exr"], maps={"roughness": 0.5, "base_color": None})

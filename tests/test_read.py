@@ -23,11 +23,9 @@ INTEGERS = {"uint8": 255, "uint16": 65535}
 @pytest.mark.parametrize(
     ("suffix", "depth", "channels"),
     [
-        *(("png", depth, c) for depth in INTEGERS for c in (1, 2, 3, 4)),
-        *(("tif", depth, c) for depth in (*INTEGERS, "float") for c in (1, 3, 4)),
-        *(("tga", "uint8", c) for c in (3, 4)),
-        *(("exr", depth, c) for depth in ("half", "float") for c in (1, 3, 4)),
-        ("bmp", "uint8", 3),
+        *(("png", "uint8", c) for c in (1, 2, 3, 4)),
+        *(("png", "uint16", 3), ("tif", "uint8", 4), ("tif", "uint16", 1), ("tif", "float", 3), ("tga", "uint8", 4)),
+        *(("exr", "half", 4), ("exr", "float", 1), ("bmp", "uint8", 3)),
     ],
 )
 def test_values_come_back_as_stored(suffix: str, depth: str, channels: int, tmp_path: Path) -> None:
@@ -63,40 +61,20 @@ def noise_file(folder: Path, suffix: str) -> Path:
     return write_image(folder / f"a.{suffix}", pixels if is_float else (pixels * 255).astype(np.uint8))
 
 
-@pytest.mark.parametrize("share", [0.3, 0.6, 0.9])
 @pytest.mark.parametrize("suffix", ["png", "jpg", "tif", "exr", "hdr", "webp", "tga", "bmp"])
-def test_files_cut_short_are_refused(
-    suffix: str, share: float, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_broken_files_are_refused(suffix: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     path = noise_file(tmp_path, suffix)
-    data = path.read_bytes()
-    path.write_bytes(data[: int(len(data) * share)])
-    with pytest.raises(InputError, match=rf"a\.{suffix} is (damaged or )?(cut short|not a readable)") as error:
-        read_image(path)
-    assert "\n" not in str(error.value)
-    assert capfd.readouterr() == ("", "")
-
-
-def test_a_flipped_bit_in_a_png_is_refused(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    path = noise_file(tmp_path, "png")
-    data = bytearray(path.read_bytes())
-    data[len(data) // 2] ^= 1
-    path.write_bytes(data)
-    with pytest.raises(InputError, match=r"a\.png is damaged \(checksum of IDAT"):
-        read_image(path)
-    assert capfd.readouterr() == ("", "")
-
-
-@pytest.mark.parametrize("suffix", ["png", "jpg", "tif", "exr", "tga", "hdr", "webp", "bmp"])
-@pytest.mark.parametrize("content", [b"", b"roughness = 0.5\n" * 50])
-def test_text_and_empty_files_are_refused(
-    suffix: str, content: bytes, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / f"a.{suffix}"
-    path.write_bytes(content)
-    with pytest.raises(InputError, match=rf"a\.{suffix} is (empty|not a readable \.{suffix} image)") as error:
-        read_header(path)
-    assert "\n" not in str(error.value)
+    whole = path.read_bytes()
+    broken = [whole[: int(len(whole) * share)] for share in (0.3, 0.6, 0.9)] + [b"", b"roughness = 0.5\n" * 50]
+    if suffix == "png":
+        half = len(whole) // 2
+        broken.append(whole[:half] + bytes([whole[half] ^ 1]) + whole[half + 1 :])
+    for data in broken:
+        path.write_bytes(data)
+        what = r"(damaged or )?cut short|not a readable|empty|damaged \(checksum of IDAT"
+        with pytest.raises(InputError, match=rf"a\.{suffix} is ({what})") as error:
+            read_image(path)
+        assert "\n" not in str(error.value)
     assert capfd.readouterr() == ("", "")
 
 
@@ -111,31 +89,28 @@ def png(width: int, height: int) -> bytes:
     return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
 
 
-@pytest.mark.parametrize(("width", "height"), [(0, 4), (4, 0), (0, 0)])
-def test_images_without_texels_are_refused(
-    width: int, height: int, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_images_without_texels_are_refused(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "a.png"
     path.write_bytes(png(4, 4))
     assert read_header(path).width == 4
-    path.write_bytes(png(width, height))
-    with pytest.raises(InputError, match=rf"a\.png is {width} x {height} texels"):
-        read_header(path)
+    for width, height in ((0, 4), (4, 0)):
+        path.write_bytes(png(width, height))
+        with pytest.raises(InputError, match=rf"a\.png is {width} x {height} texels"):
+            read_header(path)
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize("depth", ["half", "float"])
-def test_nan_and_infinity_are_counted_and_located(depth: str, tmp_path: Path) -> None:
+def test_nan_and_infinity_are_counted_and_located(tmp_path: Path) -> None:
     pixels = np.zeros((6, 8, 3), np.float32)
     pixels[2, 5, 1] = np.nan
     pixels[4, 0, 0] = np.inf
     pixels[5, 7, 2] = -np.inf
-    path = write_image(tmp_path / "a.exr", pixels, depth)
+    path = write_image(tmp_path / "a.exr", pixels, "half")
     with pytest.raises(InputError, match=r"a\.exr holds 3 NaN or infinite values.* row 2, column 5, channel 1"):
         read_image(path)
     pixels[4:] = 0
     with pytest.raises(InputError, match=r"holds 1 NaN or infinite value,"):
-        read_image(write_image(tmp_path / "a.exr", pixels, depth))
+        read_image(write_image(tmp_path / "a.exr", pixels, "half"))
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such names")
@@ -153,16 +128,14 @@ def test_a_file_that_is_gone_is_refused(tmp_path: Path) -> None:
             read(tmp_path / "a.png")
 
 
-@pytest.mark.parametrize("tile", [0, 16])
 @pytest.mark.parametrize(
-    ("suffix", "depth"), [("png", "uint16"), ("jpg", "uint8"), ("tif", "uint8"), ("exr", "half"), ("tga", "uint8")]
+    ("suffix", "depth", "tile"),
+    [("png", "uint16", 0), ("jpg", "uint8", 0), ("tif", "uint8", 0), ("tif", "uint8", 16), ("exr", "half", 16)],
 )
 def test_an_image_is_the_same_in_bands_of_rows(tmp_path, monkeypatch, suffix, depth, tile) -> None:
     """Tiled too, and where the texels of an EXR file do not begin at its origin."""
     import OpenImageIO as oiio  # noqa: N813
 
-    if tile and suffix not in ("tif", "exr"):
-        pytest.skip("no tiles in such files")
     path, values = tmp_path / f"a.{suffix}", np.random.default_rng(0).random((53, 37, 3), np.float32)
     spec = oiio.ImageSpec(37, 53, 3, depth)
     spec.tile_width = spec.tile_height = tile

@@ -51,10 +51,8 @@ def test_names_that_differ_by_the_tile_are_tiles(left: str, right: str, tiles: t
         ["wood_color_1024.png", "wood_normal_1024.png"],
         ["wood_color.1001.png"],
         ["wood_color.1000.png", "wood_color.2000.png"],
-        ["wood10011.png", "wood10021.png"],
         ["wood1001.png", "wood1002.png"],
-        ["wood_u0_v1.png", "wood_u1_v1.png"],
-        ["wood_u1_v1.png", "wood_u11_v1.png"],
+        ["wood_u0_v1.png", "wood_u1_v1.png", "wood_u11_v1.png"],
     ],
 )
 def test_other_numbers_are_no_tiles(names: list[str]) -> None:
@@ -65,10 +63,6 @@ def test_a_map_of_one_tile_joins_the_tiles_of_the_others() -> None:
     names = ["a_color.1001.png", "a_color.1002.png", "a_metallic.1001.png", "a_gloss.1005.png", "preview.png"]
     expected = {1001: ["a_color.1001.png", "a_metallic.1001.png"], 1002: ["a_color.1002.png"]}
     assert names_by_tile(names) == expected
-
-
-def test_tiles_lie_in_rows_of_ten_upwards() -> None:
-    assert [place(t) for t in (1001, 1010, 1011, 1999)] == [(0, 0), (9, 0), (0, 1), (8, 99)]
 
 
 @pytest.mark.parametrize(("pattern", "name"), [("a.<UDIM>.png", "a.1012.png"), ("a_<UVTILE>.png", "a_u2_v2.png")])
@@ -144,13 +138,13 @@ def baked(tiles: Mapping[int, TextureSet], **options: Any) -> tuple[Mosaic, Mapp
 
 @pytest.mark.parametrize("anisotropic", [False, True])
 def test_tiles_of_one_texture_are_cuts_of_its_stack(anisotropic: bool) -> None:
-    arrays = decoded(64, 96, anisotropic=anisotropic)
+    arrays = decoded(32, 48, anisotropic=anisotropic)
     tiles = cut_up(arrays, 2, 3)
     _, stacks = baked(tiles, pixel_filter="gaussian")
     whole = mipbake.bake(texture_set(arrays), method="linear", pixel_filter="gaussian")
     for tile, stack in stacks.items():
         u, v = place(tile)
-        assert [level.shape[:2] for level in stack.levels] == level_sizes(32, 32)
+        assert [level.shape[:2] for level in stack.levels] == level_sizes(16, 16)
         for index, side in enumerate(level.shape[0] for level in stack.levels):
             here = (slice((1 - v) * side, (2 - v) * side), slice(u * side, (u + 1) * side))
             assert stack.levels[index] == pytest.approx(whole.levels[index][here], abs=ROUNDING)
@@ -176,19 +170,6 @@ def test_holes_take_nothing_foreign() -> None:
 def constant_tile(roughness: float, side: int = 8, **others: Any) -> TextureSet:
     normal = np.broadcast_to([0, 0, 1], (side, side, 3))
     return TextureSet.from_arrays("wood", normal=normal, roughness=roughness, **others)
-
-
-@pytest.mark.parametrize("size", [(50, 50), (16, 64), (48, 1), (1, 1)])
-def test_other_sizes_fill_complete_chains(size: tuple[int, int]) -> None:
-    rows, columns = size
-    arrays = decoded(rows, 3 * columns)
-    mosaic, stacks = baked(cut_up(arrays, 1, 3))
-    assert bool(mosaic.texture_set.warnings) == (rows != columns or rows & (rows - 1) != 0)
-    for stack in stacks.values():
-        assert [level.shape[:2] for level in stack.levels] == level_sizes(rows, columns)
-        assert [level.shape[:2] for level in stack.extra["height"]] == level_sizes(rows, columns)
-        for level in stack.levels:
-            assert np.linalg.norm(level[..., 5:8], axis=-1) == pytest.approx(1, abs=1e-5)
 
 
 def test_levels_that_do_not_divide_lie_where_they_should() -> None:
@@ -271,16 +252,27 @@ def test_opacity_that_is_tested_keeps_the_coverage_of_every_tile() -> None:
             assert abs(np.mean(level >= 0.5) - share) <= 0.5 / level.size + 1e-6
 
 
-def test_tiles_of_different_cutoffs_are_refused() -> None:
-    tiles = {1001: constant_tile(0.3), 1002: replace(constant_tile(0.3), alpha_cutoff=0.5)}
+def test_tiles_that_do_not_fit_together() -> None:
+    one, other = constant_tile(0.5), constant_tile(0.5)
     with pytest.raises(UsageError, match=r"different alpha cutoffs, none and 0\.5"):
-        mosaics(tiles)
-
-
-def test_a_stack_of_something_else_is_not_cut_up() -> None:
-    (mosaic,) = mosaics({1001: constant_tile(0.5), 1002: constant_tile(0.5)})
+        mosaics({1001: one, 1002: replace(other, alpha_cutoff=0.5)})
+    other = replace(other, convention=replace(other.convention, name="directx"))
+    (mosaic,) = mosaics({1001: one, 1002: other})
+    assert any("1001 as OpenGL and 1002 as DirectX" in warning for warning in mosaic.texture_set.warnings)
     with pytest.raises(UsageError, match="not the stack of the mosaic"):
         split(mipbake.bake(constant_tile(0.5), method="linear"), mosaic)
+
+
+@pytest.mark.parametrize("size", [(50, 50), (16, 64), (1, 1)])
+def test_other_sizes_fill_complete_chains(size: tuple[int, int]) -> None:
+    rows, columns = size
+    mosaic, stacks = baked(cut_up(decoded(rows, 2 * columns), 1, 2))
+    assert bool(mosaic.texture_set.warnings) == (rows != columns or rows & (rows - 1) != 0)
+    for stack in stacks.values():
+        for chain in (stack.levels, stack.extra["height"]):
+            assert [level.shape[:2] for level in chain] == level_sizes(rows, columns)
+        for level in stack.levels:
+            assert np.linalg.norm(level[..., 5:8], axis=-1) == pytest.approx(1, abs=1e-5)
 
 
 # --- files
@@ -314,21 +306,16 @@ def test_tiles_from_files_keep_their_own_sources(tmp_path: Path) -> None:
     assert not any("metallic" in name for name in stacks[1001].provenance.sources)
 
 
-@pytest.mark.parametrize("name", ["wood_roughness.{}.png", "wood_{}_roughness.png", "wood_roughness_{}.png"])
-@pytest.mark.parametrize("tile", ["1001", "1134", "u2_v3"])
+@pytest.mark.parametrize(
+    ("name", "tile"),
+    [("wood_roughness.{}.png", "1001"), ("wood_{}_roughness.png", "1134"), ("wood_roughness_{}.png", "u2_v3")],
+)
 def test_tiles_do_not_hide_what_a_map_is(tmp_path: Path, name: str, tile: str) -> None:
     write_image(tmp_path / name.format(tile), pixels_for("roughness"))
     loaded = mipbake.load(tmp_path, maps={"normal": None})
     path = loaded.maps["roughness"].source.path
     assert path is not None
     assert path.name == name.format(tile)
-
-
-def test_conventions_that_differ_between_tiles_are_told() -> None:
-    other = constant_tile(0.5)
-    other = replace(other, convention=replace(other.convention, name="directx"))
-    warnings = mosaics({1001: constant_tile(0.5), 1002: other})[0].texture_set.warnings
-    assert any("1001 as OpenGL and 1002 as DirectX" in warning for warning in warnings)
 
 
 # --- filling
@@ -355,10 +342,3 @@ def test_filling_wraps_where_it_should(mode: str, near: float) -> None:
     values[:, 13:], weights[:, 13], weights[:, 4] = 1, 1, 1
     first = float(fill(values, weights, (mode, mode))[8, 0, 0])
     assert abs(first - near) < 0.5
-
-
-def test_a_weight_between_mixes() -> None:
-    values = np.array([[[0.0], [1.0], [1.0], [1.0]]], np.float32)
-    alone = fill(values, np.array([[0.0, 1, 1, 1]]))[0, 0, 0]
-    half = fill(values, np.array([[0.5, 1, 1, 1]]))[0, 0, 0]
-    assert 0 < half < alone
