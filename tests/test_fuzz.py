@@ -11,7 +11,7 @@ import pytest
 
 from .fuzz.__main__ import summary
 from .fuzz.campaign import CORPUS, case_of, run
-from .fuzz.make_corpus import MAKERS, write
+from .fuzz.make_corpus import MAKERS
 from .fuzz.readers import READERS
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="limits of processes are those of POSIX")
@@ -21,16 +21,6 @@ def test_every_reader_has_a_corpus_and_every_corpus_a_reader() -> None:
     assert {folder.name for folder in CORPUS.iterdir()} == set(READERS) == set(MAKERS)
     sizes = [file.stat().st_size for file in CORPUS.rglob("*") if file.is_file()]
     assert sum(sizes) < 250_000
-
-
-def test_one_folder_is_made_and_the_others_are_left_alone(tmp_path) -> None:
-    (tmp_path / "set").mkdir()
-    (tmp_path / "set" / "old.png").write_bytes(b"")
-    (tmp_path / "list").mkdir()
-    (tmp_path / "list" / "list.txt").write_bytes(b"as it was")
-    write(tmp_path, "set")
-    assert {file.name for file in (tmp_path / "set").iterdir()} == {file.name for file in (CORPUS / "set").iterdir()}
-    assert (tmp_path / "list" / "list.txt").read_bytes() == b"as it was"
 
 
 def test_an_input_can_be_made_again() -> None:

@@ -75,8 +75,7 @@ def test_what_the_native_core_gets_is_aligned() -> None:
     assert aligned(odd(tensor)).data_ptr() % 4 == 0 and torch.equal(aligned(odd(tensor)), tensor)
 
 
-@pytest.mark.parametrize("kind", ["numpy", "torch"])
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize(("kind", "dtype"), [("numpy", "float64"), ("torch", "float32")])
 def test_lookups(kind: str, dtype: str) -> None:
     arguments = [random(*s, kind=kind, dtype=dtype) for s in ((1, 8, 8, 3), (1, 4, 4, 2), (1, 4, 4, 4), (1, 4, 4))]
     same(sampling.texture, *arguments)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -30,19 +29,11 @@ def link(place: Path, goal: Path) -> Path:
     return place
 
 
-def twin(place: Path, file: Path) -> Path:
-    os.link(file, place)
-    return place
-
-
 OTHERS: dict[str, Callable[[Path], Path]] = {
     "a map": lambda folder: folder / "lib/wood/normal.png",
     "a link to a map": lambda folder: link(folder / "link", folder / "lib/wood/normal.png"),
-    "a second name of a map": lambda folder: twin(folder / "twin", folder / "lib/wood/normal.png"),
     "a project file": lambda folder: named(folder / "mipbake.toml", '[options]\nmethod = "linear"\n'),
-    "a document": lambda folder: named(folder / "scene.gltf", '{"asset": {"version": "2.0"}}'),
     "a makefile": lambda folder: named(folder / "Makefile", "all: a\n\n\ncc a.c\n"),
-    "a list": lambda folder: named(folder / "list.txt", "lib/wood\n"),
     "the other's": lambda folder: named(folder / "other", "s: \\\n  a\n\na:\n"),
 }
 

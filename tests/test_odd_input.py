@@ -26,8 +26,7 @@ MANY, MORE = "9" * 400, "9" * 5000
 PROJECT = 'library = "wood"\nout = "out"\n'
 
 
-@pytest.mark.parametrize("number", [MANY, "-" + MANY, MORE])
-@pytest.mark.parametrize("option", ["--points", "--samples", "--seed", "--memory", "--lods"])
+@pytest.mark.parametrize(("option", "number"), [("--points", MANY), ("--seed", f"-{MANY}"), ("--memory", MORE)])
 def test_numbers_beyond_all_measure(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str, number: str
 ) -> None:
@@ -41,7 +40,7 @@ def test_numbers_beyond_all_measure(
 @pytest.mark.parametrize(
     "line",
     [
-        *(f"{key} = {number}" for key in ("jobs", "options.strength", "options.max-level") for number in (MANY, MORE)),
+        *(f"jobs = {MANY}", f"options.strength = {MORE}"),
         f"options.map.roughness = {MANY}",
         f'memory = "{MANY}"',
         "a = " + "[" * 3000 + "]" * 3000,
@@ -71,7 +70,7 @@ def test_a_stack_whose_adjustments_are_none(tmp_path: Path) -> None:
     assert main(["bake", str(folder), "-o", str(out), "--method", "linear", "-q", "--format", "png"]) == 0
     file = out / "wood" / "stack.json"
     content = json.loads(file.read_text())
-    values: list[Any] = [None, True, 1.0, [[1]], {}]
+    values: list[Any] = [None, [[1]]]
     for value in values:
         content["provenance"]["adjustments"] = value
         file.write_text(json.dumps(content))
@@ -79,7 +78,7 @@ def test_a_stack_whose_adjustments_are_none(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("index", [-5, 7, True, 1.0, None, 10**400])
+@pytest.mark.parametrize("index", [-5, 7, True, 1.0])
 @pytest.mark.parametrize("place", ["texture", "image", "view", "other"])
 def test_indices_of_documents(tmp_path: Path, capsys: pytest.CaptureFixture[str], place: str, index: object) -> None:
     made = glossy(**({"diffuseTexture": {"index": index}} if place == "texture" else {}))
@@ -100,13 +99,9 @@ def test_indices_of_documents(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     "error",
     [
         RuntimeError("can't start new thread"),
-        RuntimeError("Resource temporarily unavailable"),
-        RuntimeError("std::bad_alloc"),
         ImportError("libtorch_cpu.so: failed to map segment from shared object"),
-        RuntimeError("[enforce fail] DefaultCPUAllocator: can't allocate memory: you tried to allocate 8 bytes."),
         MemoryError("std::bad_alloc"),
         OSError(12, "Cannot allocate memory"),
-        BlockingIOError(11, "Resource temporarily unavailable"),
         ValueError("Maximum allowed size exceeded"),
     ],
 )
@@ -150,9 +145,7 @@ def test_tensors_that_are_no_block_of_numbers(name: str, kind: str) -> None:
         DOORS[name](KINDS[kind])
 
 
-@pytest.mark.parametrize(
-    "tensor", [TEXELS.clone().requires_grad_(), TEXELS.bfloat16(), TEXELS.to("meta"), TEXELS.to_sparse()]
-)
+@pytest.mark.parametrize("tensor", [TEXELS.clone().requires_grad_(), TEXELS.bfloat16(), TEXELS.to("meta")])
 def test_tensors_at_the_door_of_arrays(tensor: torch.Tensor) -> None:
     with pytest.raises(UsageError, match=r"^material is not an array of numbers .*ops\.shade takes torch tensors$"):
         shading.shade("gltf", tensor, LIGHT.numpy(), LIGHT.numpy())
@@ -161,11 +154,8 @@ def test_tensors_at_the_door_of_arrays(tensor: torch.Tensor) -> None:
 @pytest.mark.parametrize(
     ("format", "height", "texels", "told"),
     [
-        ("dds", 6, {"rgba8"}, "warning: dds: files of 8 x 6 texels are not compressed"),
         ("ktx2", 6, {"rgba8"}, "warning: ktx2: files of 8 x 6 texels are not compressed"),
         ("dds:bc", 6, {"bc"}, "warning: dds:bc: files of 8 x 6 texels are made of blocks"),
-        ("ktx2:uastc", 6, {"uastc"}, "resize the maps, or use --format ktx2:rgba8"),
-        ("dds:rgba8", 6, {"rgba8"}, ""),
         ("dds:bc", 8, {"bc"}, ""),
     ],
 )

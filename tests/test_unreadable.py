@@ -69,8 +69,9 @@ def locked(tmp_path: Path, bound_by_permissions: None) -> Iterator[Callable[[Pat
         path.chmod(mode)
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-@pytest.mark.parametrize("what", ["parent", "folder", "entered"])
+@pytest.mark.parametrize(
+    ("command", "what"), [*((each, "parent") for each in COMMANDS), ("bake", "folder"), ("bake", "entered")]
+)
 def test_what_permissions_hide_is_unusable_input(
     folder: Path, tmp_path: Path, capsys: Capture, locked: Callable[[Path, int], Path], command: str, what: str
 ) -> None:
@@ -114,7 +115,7 @@ def test_a_glob_says_what_it_may_not_see(
 
 @pytest.mark.long
 @pytest.mark.parametrize("mode", [0, 0o444])
-@pytest.mark.parametrize("pattern", ["**/*.png", "*/*.png", "*/roughness.png", "lock*/**", "./**/*.png"])
+@pytest.mark.parametrize("pattern", ["**/*.png", "*/roughness.png", "lock*/**"])
 def test_a_glob_names_the_inner_folder_that_it_may_not_see(
     tmp_path: Path,
     capsys: Capture,
@@ -144,11 +145,13 @@ def test_a_loop_of_links_is_unusable_input(tmp_path: Path, capsys: Capture, comm
 
 
 @pytest.mark.parametrize("command", ["bake", "convert", "compare"])
-def test_a_loop_of_links_is_no_place_for_results(folder: Path, tmp_path: Path, capsys: Capture, command: str) -> None:
+def test_loops_and_pipes_are_no_place_for_results(folder: Path, tmp_path: Path, capsys: Capture, command: str) -> None:
     (tmp_path / "loop").symlink_to("loop")
+    os.mkfifo(tmp_path / "pipe")
     before = tree(tmp_path)
     for out in (tmp_path / "loop", tmp_path / "loop" / "below"):
         assert "leads back to itself" in fails(capsys, 4, *COMMANDS[command](folder, out))
+    fails(capsys, 4, *COMMANDS[command](folder, tmp_path / "pipe"))
     assert tree(tmp_path) == before
 
 
@@ -159,7 +162,7 @@ def test_links_to_nothing_in_a_set_are_passed_over(folder: Path, capsys: Capture
     assert main(["inspect", str(folder), "--quiet"]) == 0
 
 
-@pytest.mark.parametrize("name", ["a.png", "a.glb", "a.gltf", "a.mtlx", "a.dds", "a.ktx2", "a.exr", "a"])
+@pytest.mark.parametrize("name", ["a.png", "a.glb", "a.mtlx", "a.ktx2", "a"])
 def test_a_pipe_is_no_source(tmp_path: Path, capsys: Capture, patience: None, name: str) -> None:
     os.mkfifo(tmp_path / name)
     for command in ("bake", "inspect", "info", "convert"):
@@ -176,23 +179,6 @@ def test_pipes_in_a_set_are_passed_over(folder: Path, tmp_path: Path, capsys: Ca
     assert "no normal" in fails(capsys, 3, "inspect", folder)
 
 
-@pytest.mark.parametrize("option", [("--mesh", "m.obj"), ("--mesh", "m.glb"), ("--light", "l.hdr")])
-def test_pipes_are_no_scenes(
-    folder: Path, tmp_path: Path, capsys: Capture, patience: None, option: tuple[str, str]
-) -> None:
-    os.mkfifo(tmp_path / option[1])
-    arguments = ["compare", folder, "-o", tmp_path / "out", option[0], tmp_path / option[1]]
-    assert "is a pipe" in fails(capsys, 3, *arguments)
-
-
-@pytest.mark.parametrize("command", ["bake", "convert", "compare"])
-def test_a_pipe_is_no_place_for_results(
-    folder: Path, tmp_path: Path, capsys: Capture, patience: None, command: str
-) -> None:
-    os.mkfifo(tmp_path / "out")
-    fails(capsys, 4, *COMMANDS[command](folder, tmp_path / "out"))
-
-
 def test_a_list_may_be_a_pipe_that_somebody_writes_to(folder: Path, tmp_path: Path, patience: None) -> None:
     os.mkfifo(tmp_path / "silent")
     assert disk.read_text_or_pipe(tmp_path / "silent") == ""
@@ -207,18 +193,6 @@ def test_a_list_may_be_a_pipe_that_somebody_writes_to(folder: Path, tmp_path: Pa
 def test_json_is_what_the_standard_says(text: str) -> None:
     with pytest.raises(ValueError, match=r"not a number|beyond|deeply"):
         parsed(text)
-
-
-def test_infinity_in_a_stack_is_unusable_input(folder: Path, tmp_path: Path, capsys: Capture) -> None:
-    assert main(["bake", str(folder), "-o", str(tmp_path / "out"), "--method", "linear", "-q"]) == 0
-    manifest = tmp_path / "out" / "metal" / "stack.json"
-    whole = manifest.read_text()
-    for value in ("Infinity", "NaN", "1e999"):
-        manifest.write_text(whole.replace('"width": 16', f'"width": {value}'))
-        assert (
-            "not a number" in (message := fails(capsys, 3, "info", tmp_path / "out" / "metal")) or "beyond" in message
-        )
-        fails(capsys, 3, "validate", folder, tmp_path / "out" / "metal")
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems do not limit address space")
