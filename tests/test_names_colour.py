@@ -12,7 +12,7 @@ from mipbake.base.colour import LINEAR, canonical_colour_space, decode
 from mipbake.base.colour_science import colour_science
 from mipbake.base.colour_spaces import COLOUR_SPACES
 from mipbake.base.errors import InputError, UsageError
-from mipbake.source.images.colour_names import RAW, split_colour_space
+from mipbake.source.images.colours import RAW, split_colour_space
 from mipbake.source.names import colour_space_of
 
 from .input_files import find, pixels_for, plain_set, write_image, write_set

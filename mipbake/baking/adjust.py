@@ -13,7 +13,7 @@ from mipbake.base.errors import UsageError
 from mipbake.material import GLTF_MODELS
 from mipbake.material.directions import facing, led
 from mipbake.source.decode import unit_directions
-from mipbake.source.images.declared import turn_vectors
+from mipbake.source.images.image import turn_vectors
 from mipbake.source.images.read import read_image
 from mipbake.source.layout import LAYOUTS, channels_of
 from mipbake.source.normal import holes, normalised

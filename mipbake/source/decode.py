@@ -11,8 +11,7 @@ from mipbake.base import memory
 from mipbake.base.colour import LINEAR, SRGB, decode, unit_range
 from mipbake.base.errors import InputError
 from mipbake.material.directions import untangled
-from mipbake.source.images.declared import share_beyond, straight, turn_vectors
-from mipbake.source.images.image import Image
+from mipbake.source.images.image import Image, share_beyond, straight, turn_vectors
 from mipbake.source.normal import SHORT_LENGTH, decode_normals, held, holes_warning, normalised
 from mipbake.source.options import COLOUR_ROLES, PREMULTIPLIED, SCALAR_ROLES, LoadOptions
 from mipbake.source.sources import Log, MapSource, spoken, taken

@@ -10,7 +10,7 @@ from mipbake.base import disk
 from mipbake.base.colour import LINEAR, SRGB, canonical_colour_space, default_colour_space, is_linear
 from mipbake.base.errors import InputError
 from mipbake.base.messages import listed
-from mipbake.source.images.colour_names import RAW
+from mipbake.source.images.colours import RAW
 from mipbake.source.images.image import Header
 from mipbake.source.matches import (
     NO_ROLE,

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from itertools import product
 
-from mipbake.source.images.colour_names import split_colour_space
+from mipbake.source.images.colours import split_colour_space
 
 
 @dataclass(frozen=True)

@@ -36,8 +36,8 @@ class MapSource:
         converted: whether the values of the role are made of the values of this file and of another file. A metallic is
             made of the specular colours, which are what is in this file. What is written has the role's name.
         orientation: how the file says that its image is turned; vectors are turned, too. See
-            `mipbake.source.images.declared`.
-        layer: of the file, which the role takes; see `mipbake.source.images.declared`.
+            `mipbake.source.images.image`.
+        layer: of the file, which the role takes; see `mipbake.source.images.image`.
         alpha: "premultiplied" where its colours are to be divided by the alpha beside them, else "straight".
         metadata: whether what the file says counts; see `LoadOptions`.
         sha256: of the file, in hexadecimal; empty until it has been read.

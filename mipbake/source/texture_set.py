@@ -21,7 +21,7 @@ from mipbake.material.directions import untangled
 from mipbake.material.filtered_source import FilteredSource
 from mipbake.source.arrays import array_source, check_shape, checked_array
 from mipbake.source.decode import TextureMap, constant_map, decode_map, resized, scaled
-from mipbake.source.images.declared import turn_vectors
+from mipbake.source.images.image import turn_vectors
 from mipbake.source.images.read import read_image
 from mipbake.source.matches import BASE_ALPHA, alpha_note
 from mipbake.source.normal import (

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mipbake.base.colour_spaces import COLOUR_SPACES
 from mipbake.base.srgb import srgb_to_linear
-from mipbake.source.images.declared_colour import Colour, coded
+from mipbake.source.images.colours import Colour, coded
 
 _TO_D50 = np.array(
     [[0.4360747, 0.3850649, 0.1430804], [0.2225045, 0.7168786, 0.0606169], [0.0139322, 0.0971045, 0.7141733]]

@@ -3,7 +3,9 @@ DDS ones."""
 
 from __future__ import annotations
 
+import io
 import re
+import struct
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,17 +17,24 @@ from mipbake.base import disk
 from mipbake.base.colour import LINEAR
 from mipbake.base.errors import InputError, MipbakeError
 from mipbake.base.messages import one_line
-from mipbake.source.images import avif, dds, ktx2
+from mipbake.source.images import dds, ktx2
 from mipbake.source.images.blocks import from_blocks
-from mipbake.source.images.declared import Declared
-from mipbake.source.images.declared_colour import Colour
+from mipbake.source.images.colours import Colour, coded
 from mipbake.source.images.gpu_format import GPU_FORMATS, GpuTexture
-from mipbake.source.images.image import Header
+from mipbake.source.images.icc import profile_colour
+from mipbake.source.images.image import Declared, Header, orientation
 from mipbake.source.images.uastc import transcoded
 from mipbake.source.options import CUSTOM, PREMULTIPLIED, STRAIGHT
 
 if TYPE_CHECKING:
     import OpenImageIO
+    from PIL import ImageFile
+
+_EXIF_ORIENTATION = 0x112
+"""Number of the tag, in Exif."""
+
+_PROPERTIES = 1 << 16
+"""Bytes at the beginning that hold the properties of an image."""
 
 _AVIF = (b"ftypavif", b"ftypavis")
 START = dds.START
@@ -41,7 +50,7 @@ _PRIMARIES = {
     **{0: "", 1: "Rec.709", 2: "BT.601 (EBU)", 3: "BT.601 (SMPTE)", 4: "Rec.2020", 5: "CIE XYZ", 6: "AP0", 7: "AP1"},
     **{8: "NTSC 1953", 9: "PAL", 10: "P3", 11: "Adobe RGB"},
 }
-"""Numbers of Khronos's data formats 1.3 to words of `mipbake.source.images.declared_colour`; 0 is unspecified."""
+"""Numbers of Khronos's data formats 1.3 to words of `mipbake.source.images.colours`; 0 is unspecified."""
 
 _ORIENTATIONS = {"rd": 1, "ld": 2, "lu": 3, "ru": 4}
 
@@ -68,7 +77,7 @@ def header_of(data: bytes, path: Path) -> Header:
     """The header of an image, of the size of its stored texels; InputError where it is broken or of a kind that is not
     read."""
     if data[4:12] in _AVIF:
-        pixels, said = avif.decoded(data, path)
+        pixels, said = _avif(data, path)
         height, width, channels = pixels.shape
         return Header(path, width, height, channels, _alpha(channels), "uint8", said)
     if data[:4] != dds.MAGIC:
@@ -86,7 +95,7 @@ def header_of(data: bytes, path: Path) -> Header:
 def pixels_of(data: bytes, path: Path) -> NDArray[np.generic]:
     """(H, W, C) texels of level 0, uint8 or float16. InputError where they cannot be decoded."""
     if data[4:12] in _AVIF:
-        return avif.decoded(data, path)[0]
+        return _avif(data, path)[0]
     try:
         if data[:4] == dds.MAGIC:
             texels = _finest(dds.decoded(data, str(path)))
@@ -106,6 +115,56 @@ def _finest(texture: GpuTexture) -> NDArray[np.generic]:
 
 def _alpha(channels: int) -> int:
     return 3 if channels == 4 else -1
+
+
+def _avif(data: bytes, path: Path) -> tuple[NDArray[np.generic], Declared]:
+    """(H, W, 1, 3 or 4) texels as stored, and what the file says of them; files of more than 8 bits come with 8."""
+    from PIL import Image, features
+
+    if not features.check("avif"):
+        raise InputError(f"{path} is an AVIF image, which this build of Pillow does not read: convert it to PNG")
+    try:
+        with Image.open(io.BytesIO(data), formats=["AVIF"]) as image:
+            texels, said = np.asarray(image), _avif_said(data, image)
+    except (OSError, ValueError, RuntimeError, SyntaxError, struct.error, Image.DecompressionBombError) as error:
+        raise InputError(
+            f"{path} is damaged or cut short ({one_line(str(error))}): export or download it again"
+        ) from error
+    return (texels if texels.ndim == 3 else texels[..., None]), said
+
+
+def _avif_said(data: bytes, image: ImageFile.ImageFile) -> Declared:
+    """What the properties say. The decoder divides colours by alpha itself, where they are multiplied by it."""
+    head = data[:_PROPERTIES]
+    profile = image.info.get("icc_profile")
+    warnings = []
+    if (frames := getattr(image, "n_frames", 1)) > 1:
+        warnings.append(f"it holds {frames} frames: only the first is read")
+    if b"clap" in head:
+        warnings.append("it asks to be cut (clap), which is ignored: cut it and export it again")
+    notes = ("its values of more than 8 bits are read with 8",) if _is_deep(head) else ()
+    return Declared(
+        # Pillow gives the properties irot and imir as an orientation of Exif, and applies neither.
+        orientation(image.getexif().get(_EXIF_ORIENTATION)),
+        turn_is_pixels=True,
+        colour=profile_colour(profile) if profile else _code_points(head),
+        notes=notes,
+        warnings=tuple(warnings),
+    )
+
+
+def _is_deep(head: bytes) -> bool:
+    """Whether the configuration of the decoder says more than 8 bits."""
+    at = head.find(b"av1C")
+    return 0 <= at < len(head) - 6 and bool(head[at + 6] & 0x40)
+
+
+def _code_points(head: bytes) -> Colour:
+    at = head.find(b"colrnclx") + 8
+    if at < 8 or at + 4 > len(head):
+        return Colour()
+    primaries, transfer = struct.unpack_from(">HH", head, at)
+    return coded(primaries, transfer, "its property colr")
 
 
 def _ktx2_header(data: bytes, path: Path) -> Header:

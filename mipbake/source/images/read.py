@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from mipbake.base import disk, memory
 from mipbake.base.errors import InputError
 from mipbake.base.messages import listed, told_by
-from mipbake.source.images.declared import arranged, in_gltf
-from mipbake.source.images.image import Header, Image, Place
+from mipbake.source.images.image import Header, Image, Place, arranged, in_gltf
 from mipbake.source.images.image_files import PNG_SIGNATURE, check_png
 
 if TYPE_CHECKING:
@@ -157,8 +156,7 @@ def _check_name(path: Path) -> None:
 
 
 def _header(path: Path, image: OpenImageIO.ImageInput, role: str | Place, metadata: bool) -> Header:
-    from mipbake.source.images.exr_layers import taken_layer
-    from mipbake.source.images.file_says import said_by
+    from mipbake.source.images.file_says import said_by, taken_layer
 
     kind = image.format_name()
     layer, others = taken_layer(path, image, role) if kind == "openexr" else (None, "")
