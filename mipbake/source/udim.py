@@ -119,7 +119,7 @@ def _joined(tiles: Mapping[int, TextureSet], size: tuple[int, int]) -> Mosaic:
 
     conventions = [s.convention for s in sets.values()]
     decided = [c for c in conventions if c.decided_by != "flat"]
-    notes = _common({t: (*s.notes, *_size_notes(s, size), *_lacking_notes(s, roles)) for t, s in sets.items()})
+    notes = _common({tile: (*s.notes, *_notes(s, size, roles)) for tile, s in sets.items()})
     warnings = _common({tile: s.warnings for tile, s in sets.items()})
     texture_set = TextureSet(
         next(iter(sets.values())).name,
@@ -130,7 +130,7 @@ def _joined(tiles: Mapping[int, TextureSet], size: tuple[int, int]) -> Mosaic:
         (decided or conventions)[0],
         hashlib.sha256(json.dumps([(tile, s.source_hash) for tile, s in sets.items()]).encode()).hexdigest(),
         tuple(notes),
-        (*warnings, *_convention_warnings(sets), *_size_warnings(size)),
+        (*warnings, *_warnings(sets, size)),
     )
     named = {tile: replace(each, name=name_with(each.name, tile)) for tile, each in inside.items()}
     return Mosaic(texture_set, named, cells, rows, columns)
@@ -185,45 +185,36 @@ def _common(sentences: Mapping[int, Iterable[str]]) -> list[str]:
     ]
 
 
-def _size_notes(texture_set: TextureSet, size: tuple[int, int]) -> list[str]:
-    height, width = size
-    if (texture_set.height, texture_set.width) == size:
-        return []
-    return [
-        f"resampled from {texture_set.width} x {texture_set.height} to {width} x {height} beside tiles of that size"
-    ]
-
-
-def _lacking_notes(texture_set: TextureSet, roles: Iterable[str]) -> list[str]:
-    lacking = [role for role in roles if role not in texture_set.maps]
-    return [
+def _notes(texture_set: TextureSet, size: tuple[int, int], roles: Iterable[str]) -> list[str]:
+    """What is assumed of a tile beside others, which have this size, (height, width), and these maps."""
+    here, (height, width) = (texture_set.height, texture_set.width), size
+    resampled = f"resampled from {here[1]} x {here[0]} to {width} x {height} beside tiles of that size"
+    return [resampled] * (here != size) + [
         f"no {spoken(role)} map, which other tiles have: "
         + ("it is continued from them" if _constant(role) is None else "a constant that changes nothing is used")
-        for role in lacking
+        for role in roles
+        if role not in texture_set.maps
     ]
 
 
-def _convention_warnings(sets: Mapping[int, TextureSet]) -> list[str]:
+def _warnings(sets: Mapping[int, TextureSet], size: tuple[int, int]) -> list[str]:
+    """What the user should look at in tiles, of this size, (height, width), together."""
+    found = []
     by_name: dict[str, list[str]] = {}
     for tile, texture_set in sets.items():
-        convention = texture_set.convention
-        if convention.decided_by != "flat":
-            by_name.setdefault(convention.name, []).append(str(tile))
-    if len(by_name) < 2:
-        return []
-    read = " and ".join(f"{listed(tiles)} as {spoken(name)}" for name, tiles in by_name.items())
-    return [f"normal maps of one set were read differently, {read}: set the normal convention"]
-
-
-def _size_warnings(size: tuple[int, int]) -> list[str]:
-    exact, count = exact_levels(*size), len(level_sizes(*size))
-    if exact == count:
-        return []
-    return [
-        f"the tiles measure {size[1]} x {size[0]}: their levels from {exact} on do not divide them evenly and are "
-        "looked up between texels of the mosaic, which blurs them slightly; square tiles with a power of two as side "
-        "are cut out exactly"
-    ]
+        if texture_set.convention.decided_by != "flat":
+            by_name.setdefault(texture_set.convention.name, []).append(str(tile))
+    if len(by_name) > 1:
+        read = " and ".join(f"{listed(tiles)} as {spoken(name)}" for name, tiles in by_name.items())
+        found.append(f"normal maps of one set were read differently, {read}: set the normal convention")
+    exact = exact_levels(*size)
+    if exact != len(level_sizes(*size)):
+        found.append(
+            f"the tiles measure {size[1]} x {size[0]}: their levels from {exact} on do not divide them evenly and are "
+            "looked up between texels of the mosaic, which blurs them slightly; square tiles with a power of two as "
+            "side are cut out exactly"
+        )
+    return found
 
 
 def exact_levels(height: int, width: int) -> int:

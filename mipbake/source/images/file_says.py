@@ -70,35 +70,30 @@ def _openexr(path: Path, spec: Spec) -> Declared:
     return _windowed(path, spec, Declared(alpha=alpha, colour=colour))
 
 
-def _windowed(path: Path, spec: Spec, said: Declared) -> Declared:
-    """With the display window, where it is not what the file stores."""
-    stored = (spec.width, spec.height)
-    window = Window(spec.x - spec.full_x, spec.y - spec.full_y, spec.full_width, spec.full_height)
-    if window == Window(0, 0, *stored):
-        return said
-    _check_window(path, window, stored)
-    about = (
-        f"its data window is {stored[0]} x {stored[1]} at ({window.x}, {window.y}) and its display window is "
-        f"{window.width} x {window.height}"
-    )
-    across = window.x <= 0 and window.x + stored[0] >= window.width
-    if across and window.y <= 0 and window.y + stored[1] >= window.height:
-        return replace(said, window=window, notes=(*said.notes, f"{about}, to which it is cut"))
-    return replace(said, window=window, padded=True, warnings=(*said.warnings, f"{about}: the rest of it is zero"))
-
-
 _MOST = 1 << 31
 """Texels of the largest image that a window may ask for."""
 
 
-def _check_window(path: Path, window: Window, stored: tuple[int, int]) -> None:
-    columns = min(window.width, window.x + stored[0]) - max(0, window.x)
-    rows = min(window.height, window.y + stored[1]) - max(0, window.y)
+def _windowed(path: Path, spec: Spec, said: Declared) -> Declared:
+    """With the display window, where it is not what the file stores; InputError where it lies elsewhere."""
+    width, height = spec.width, spec.height
+    window = Window(spec.x - spec.full_x, spec.y - spec.full_y, spec.full_width, spec.full_height)
+    if window == Window(0, 0, width, height):
+        return said
+    columns = min(window.width, window.x + width) - max(0, window.x)
+    rows = min(window.height, window.y + height) - max(0, window.y)
     if columns < 1 or rows < 1 or window.width * window.height > _MOST:
         raise InputError(
-            f"{path} stores {stored[0]} x {stored[1]} texels at ({window.x}, {window.y}) of an image of {window.width} "
-            f"x {window.height}: expected a data window within the display window; export it again"
+            f"{path} stores {width} x {height} texels at ({window.x}, {window.y}) of an image of {window.width} x "
+            f"{window.height}: expected a data window within the display window; export it again"
         )
+    about = (
+        f"its data window is {width} x {height} at ({window.x}, {window.y}) and its display window is {window.width} x "
+        f"{window.height}"
+    )
+    if (columns, rows) == (window.width, window.height):
+        return replace(said, window=window, notes=(*said.notes, f"{about}, to which it is cut"))
+    return replace(said, window=window, padded=True, warnings=(*said.warnings, f"{about}: the rest of it is zero"))
 
 
 def _radiance(path: Path, spec: Spec) -> Declared:

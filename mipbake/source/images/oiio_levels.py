@@ -147,49 +147,35 @@ def take(
     size: tuple[int, int],
     names: tuple[str, ...] | None,
     stored: str,
-    place: tuple[int, int] = (0, 0),
+    level: int = 0,
+    rows: tuple[int, int] | None = None,
 ) -> NDArray[np.generic]:
-    """One level, (height, width, C), read from the subimage and level of the file that `place` names.
+    """One level, (height, width, C).
 
     Args:
-        index: of the level, for sentences.
+        index: of the level, for sentences. level: of the file, that holds it.
         names: of the channels, in the order in which they are given; None takes them as they lie.
         stored: type of the texels.
+        rows: first and last of those that are read of a file of tiles; None for all.
 
     Raises:
         InputError: it has another size or other channels, or cannot be read.
     """
-    _check_level(source, path, index, size, names)
-    return _texels(source, path, index, size, names, source.read_image(*place, 0, source.spec().nchannels, stored))
-
-
-def _check_level(
-    source: OpenImageIO.ImageInput, path: Path, index: int, size: tuple[int, int], names: tuple[str, ...] | None
-) -> None:
-    spec = source.spec()
+    spec, (height, width) = source.spec(), size
     found = list(spec.channelnames)
-    height, width = size
     if (spec.height, spec.width) != size or (names is not None and set(found) != set(names)):
         expected = f" with {', '.join(names)}" if names else ""
         raise InputError(
             f"level {index} of {path} is {spec.width} x {spec.height} with channels {', '.join(found)}, "
             f"expected {width} x {height}{expected}: bake or convert it again"
         )
-
-
-def _texels(
-    source: OpenImageIO.ImageInput,
-    path: Path,
-    index: int,
-    size: tuple[int, int],
-    names: tuple[str, ...] | None,
-    pixels: NDArray[np.generic] | None,
-) -> NDArray[np.generic]:
-    """What a reader gave, (height, width, C), with channels in the order of their names; InputError for nothing."""
+    if rows is None:
+        pixels = source.read_image(0, level, 0, len(found), stored)
+    else:
+        pixels = source.read_tiles(0, level, 0, width, *rows, 0, 1, 0, len(found), stored)
     if pixels is None or source.has_error:
         raise InputError(f"cannot read level {index} of {path}: {told_by(source.geterror)}")
-    found = list(source.spec().channelnames)
-    texels: NDArray[np.generic] = np.asarray(pixels).reshape(*size, len(found))
+    texels: NDArray[np.generic] = np.asarray(pixels).reshape(-1, width, len(found))
     # OpenEXR sorts channels by name.
     return texels if names is None or names == tuple(found) else texels[..., [found.index(n) for n in names]]
 
@@ -206,29 +192,22 @@ def take_all(
     Raises:
         InputError: there are more or fewer levels, or one is not as it should be.
     """
-    source = reader(path)
-    try:
-        every = enumerate(_levels(source, path, sizes, channels))
-        return [take(source, path, index, size, names, stored, (0, index)) for index, size in every]
-    finally:
-        source.close()
+    return [band.texels for band in take_bands(path, sizes, names, channels, stored, 0)]
 
 
 def take_bands(
     path: Path, sizes: Sequence[tuple[int, int]], names: tuple[str, ...] | None, channels: int, stored: str, tile: int
 ) -> Iterator[Band]:
-    """As `take_all`, some rows of tiles at a time, of a file whose tiles have so many rows."""
+    """As `take_all`, some rows of tiles at a time, of a file whose tiles have so many rows; 0: levels as a whole."""
     source = reader(path)
     try:
         for index, size in enumerate(_levels(source, path, sizes, channels)):
-            _check_level(source, path, index, size, names)
             height, width = size
-            step = max(1, _BAND // (width * tile)) * tile
+            step = max(1, _BAND // (width * tile)) * tile if tile else height
             for start in range(0, height, step):
                 end = min(height, start + step)
-                pixels = source.read_tiles(0, index, 0, width, start, end, 0, 1, 0, channels, stored)
-                texels = _texels(source, path, index, (end - start, width), names, pixels)
-                yield Band(index, slice(start, end), texels)
+                rows = (start, end) if tile else None
+                yield Band(index, slice(start, end), take(source, path, index, size, names, stored, index, rows))
     finally:
         source.close()
 
