@@ -25,7 +25,17 @@ from mipbake.source.matches import (
 )
 from mipbake.source.names import colour_space_of
 from mipbake.source.options import CARRIED, COLOUR_ROLES, ROLES, SCALAR_ROLES, SHADING_ROLES, STRAIGHT, LoadOptions
-from mipbake.source.sources import DATA, Found, IgnoredFile, Log, MapSource, NormalConvention, source_model, spoken
+from mipbake.source.sources import (
+    DATA,
+    Found,
+    IgnoredFile,
+    Log,
+    MapSource,
+    NormalConvention,
+    file_source,
+    source_model,
+    spoken,
+)
 from mipbake.source.specular import take_specular
 
 _CONSTANTS: Mapping[str, tuple[float, ...]] = {
@@ -86,86 +96,65 @@ def find(files: Sequence[Path], options: LoadOptions) -> Found:
     )
 
 
-def _source(c: Match, colour_space: str | None, options: LoadOptions, log: Log) -> MapSource:
-    role, header = c.meaning.role, c.header
-    channels = c.meaning.channels if len(c.meaning.channels) != 3 else ""
-    channels = channels or _natural_channels(role, header)
-    if role in options.maps and c.meaning.channels:
-        channels = c.meaning.channels
-    if len(channels) == 1 and channels == "R" and header.channels - (header.alpha >= 0) == 1:
+def _source(match: Match, colour_space: str | None, options: LoadOptions, log: Log) -> MapSource:
+    role, header, channels = match.meaning.role, match.header, match.meaning.channels
+    if not channels or (len(channels) == 3 and role not in options.maps):
+        channels = _natural_channels(role, header)
+    if channels == "R" and header.colours == 1:
         channels = "Y"
     encoding = _encoding(role, header, colour_space, options, log)
-    inverted = c.meaning.inverted
+    inverted = match.meaning.inverted
     if role == "roughness" and options.roughness_is_gloss is not None:
         inverted = options.roughness_is_gloss
     if inverted:
         log.notes.append(f"{header.path.name}: it holds gloss, which is inverted to roughness")
-    if header.declared.padded and role in ("normal", "anisotropy"):
+    said = header.declared
+    if said.padded and role in ("normal", "anisotropy"):
         raise InputError(
             f"{header.path} stores a part of its display window, and the rest would be no {spoken(role)}: expected "
             "texels in all of it; export it without a border"
         )
-    log_declared(header, log)
-    return MapSource(
-        role,
-        header.path,
-        channels,
-        header.width,
-        header.height,
-        header.depth,
-        encoding,
-        inverted,
-        c.reason,
-        channels_named=bool(c.meaning.channels),
-        convention=c.meaning.convention,
-        orientation=1 if header.declared.texels_alone else header.declared.orientation,
-        layer=(header.declared.part, header.declared.layer),
-        alpha=_alpha(role, header, options),
+    # Once for all roles that take the file.
+    turn = [f"it is turned, as its orientation {said.orientation} says"] if said.orientation != 1 else []
+    for some, into in (([*turn, *said.notes], log.notes), (said.warnings, log.warnings)):
+        into += [line for each in some if (line := f"{header.path.name}: {each}") not in into]
+    # Only colours are multiplied by alpha: beside values that are data it is one more of them.
+    multiplied = role in COLOUR_ROLES and header.alpha >= 0
+    return file_source(
+        *(role, header, channels, encoding, inverted, match.reason),
+        channels_named=bool(match.meaning.channels),
+        convention=match.meaning.convention,
+        orientation=1 if said.texels_alone else said.orientation,
+        alpha=options.alpha or said.alpha if multiplied else STRAIGHT,
         metadata=options.metadata,
     )
 
 
-def _alpha(role: str, header: Header, options: LoadOptions) -> str:
-    """Only colours are multiplied by alpha: beside values that are data it is one more of them."""
-    if role not in COLOUR_ROLES or header.alpha < 0:
-        return STRAIGHT
-    return options.alpha or header.declared.alpha
-
-
-def log_declared(header: Header, log: Log) -> None:
-    """What a file says of its image and what was made of it, once for all roles that take it."""
-    said, name = header.declared, header.path.name
-    turn = [f"it is turned, as its orientation {said.orientation} says"] if said.orientation != 1 else []
-    for some, into in (([*turn, *said.notes], log.notes), (said.warnings, log.warnings)):
-        into += [told for each in some if (told := f"{name}: {each}") not in into]
-
-
-def _encoding(role: str, header: Header, asked: str | None, options: LoadOptions, log: Log) -> str:
-    """The colour space of a file's colours: what is asked for, else what its name tells, else what its type means."""
-    name = header.path.name
-    told = colour_space_of(header.path.stem) if options.origin == "option" else None
-    named = None if told is None else LINEAR if told == RAW else canonical_colour_space(told)
+def _encoding(role: str, header: Header, wanted: str | None, options: LoadOptions, log: Log) -> str:
+    """The colour space of a file's colours: what is wanted, else what its name says, else what its type means."""
+    name, colour = header.path.name, header.declared.colour
+    word = colour_space_of(header.path.stem) if options.origin == "option" else None
+    named = None if word is None else LINEAR if word == RAW else canonical_colour_space(word)
     if role not in COLOUR_ROLES:
         if named is not None and not is_linear(named):
             log.warnings.append(
                 f"{name}: its name says {named}, but {spoken(role)} is no colour: its values are taken as they are "
                 "stored; export it as raw values if that is wrong"
             )
-        elif header.colour_space not in (None, SRGB) and not is_linear(str(header.colour_space)):
+        elif colour.space not in (None, SRGB) and not is_linear(str(colour.space)):
             log.notes.append(
-                f"{name}: {header.declared.colour.by} says {header.colour_space}, but {spoken(role)} is no colour: its "
-                "values are taken as they are stored"
+                f"{name}: {colour.by} says {colour.space}, but {spoken(role)} is no colour: its values are taken as "
+                "they are stored"
             )
         return DATA
-    if asked is not None:
-        if named not in (None, asked):
-            log.warnings.append(f"{name}: its name says {told}, the {options.origin} says {asked}, which is followed")
-        return asked
+    if wanted is not None:
+        if named not in (None, wanted):
+            log.warnings.append(f"{name}: its name says {word}, the {options.origin} says {wanted}, which is followed")
+        return wanted
     if named is not None:
-        what = f"{told}, taken as {named}" if told == RAW else named
-        log.notes.append(f"{name}: its name says {what}")
+        log.notes.append(f"{name}: its name says {f'{word}, taken as {named}' if word == RAW else named}")
         return named
-    encoding, colour = default_colour_space(header.is_integer), header.declared.colour
+    encoding = default_colour_space(header.is_integer)
     said = None if colour.space is None else canonical_colour_space(colour.space)
     if said is not None and (said != encoding or colour.named):
         log.notes.append(f"{name}: {colour.by} says {said}")
@@ -186,12 +175,10 @@ def _carried(sources: Mapping[str, MapSource], headers: Mapping[Path, Header], l
         if sources["metallic"].converted and path == sources["metallic"].path:
             continue  # its colours have a role
         here = [s for s in sources.values() if s.path == path]
-        colours = header.channels - (header.alpha >= 0)
-        packed = colours >= 3 and all(s.channels_named for s in here)
-        letters = ("RGB" if packed else "") + ("A" if header.alpha >= 0 and colours >= 3 else "")
+        packed = header.colours >= 3 and all(s.channels_named for s in here)
         if not (packed or any(s.role == "normal" for s in here)):
             continue
-        for letter in letters:
+        for letter in ("RGB" if packed else "") + ("A" if header.alpha >= 0 and header.colours >= 3 else ""):
             if any(letter in s.channels for s in here):
                 continue
             name = f"{CARRIED}{len(carried) + 1}"
@@ -205,12 +192,11 @@ def _carried(sources: Mapping[str, MapSource], headers: Mapping[Path, Header], l
 
 
 def _natural_channels(role: str, header: Header) -> str:
-    colours = header.channels - (header.alpha >= 0)
-    if role == "normal":
-        return "RGB" if colours >= 3 else "RG" if header.channels == 2 else "Y"
+    if role == "normal" and header.channels == 2:
+        return "RG"
     if role in SCALAR_ROLES:
-        return "Y" if colours == 1 else "R"
-    return "RGB" if colours >= 3 else "Y"
+        return "Y" if header.colours == 1 else "R"
+    return "RGB" if header.colours >= 3 else "Y"
 
 
 def _constant(role: str, value: tuple[float, ...]) -> MapSource:
@@ -259,22 +245,21 @@ def _log_constant(
     role: str, value: Sequence[float], options: LoadOptions, unread: Sequence[IgnoredFile], log: Log
 ) -> None:
     """Says what stands for a map that is not there, as a warning where nobody has said that it is meant."""
-    told = f"no {spoken(role)} map: the constant {', '.join(f'{v:g}' for v in value)} is used"
+    line = f"no {spoken(role)} map: the constant {', '.join(f'{v:g}' for v in value)} is used"
     nameless = [i.path.name for i in unread if i.reason == NO_ROLE]
-    if role in options.maps or options.origin == "document":
-        log.notes.append(told)
-    elif role == "base_color":
+    meant = role in options.maps or options.origin == "document"
+    if role == "base_color" and not meant:
         log.warnings.append(
-            f"{told}, so that what is baked is grey; choose a map with --map base_color=FILE, or say --map "
+            f"{line}, so that what is baked is grey; choose a map with --map base_color=FILE, or say --map "
             "base_color=none where grey is meant (maps in Python)"
         )
-    elif nameless:
+    elif nameless and not meant:
         log.warnings.append(
-            f"{told}, and {listed(nameless)} {'have' if len(nameless) > 1 else 'has'} no role; choose it with --map "
+            f"{line}, and {listed(nameless)} {'have' if len(nameless) > 1 else 'has'} no role; choose it with --map "
             f"{role}={nameless[0]} if it is one (maps in Python)"
         )
     else:
-        log.notes.append(told)
+        log.notes.append(line)
 
 
 def _named_convention(source: MapSource, options: LoadOptions, log: Log) -> NormalConvention:

@@ -264,10 +264,10 @@ def _gltf(path: Path, read: Document, options: LoadOptions, scratch: Path) -> li
     converted = without_specular_glossiness(read, scratch / "converted")
     (scratch / "images").mkdir()
     found = read_materials(converted.document, scratch / "images")
-    about = {"place": safe_name(path.stem, "document"), "document": converted.document, "plain": found.plain}
+    place, document = safe_name(path.stem, "document"), converted.document
     made = [
-        Job(path, {0: SetFiles(bake.files, bake.options)}, bake.notes, bake.warnings, bake=bake, **about)
-        for bake in found.bakes
+        Job(path, {0: SetFiles(b.files, b.options)}, b.notes, b.warnings, place, None, document, b, found.plain)
+        for b in found.bakes
     ]
     noted = _noted(made, (*converted.notes, *found.notes), (*converted.warnings, *found.warnings))
     return [*noted, *(Failure(path, InputError(error)) for error in (*converted.errors, *found.errors))]

@@ -149,17 +149,9 @@ _MOST_VARIANTS = 1000
 _WORKFLOW = re.compile(r"(?P<bare>.+)[ _-]\d{1,2}K[ _-]METALNESS", re.IGNORECASE)
 
 
-@dataclass(frozen=True)
-class _Stem:
-    """A stem without what trails it: what is left, the colour space, the number of the variant."""
-
-    bare: str
-    colour_space: str | None
-    variant: int
-
-
 @lru_cache(maxsize=4096)
-def _stripped(stem: str) -> _Stem:
+def _stripped(stem: str) -> tuple[str, str | None, int]:
+    """A stem without what trails it, its colour space, and the number of its variant."""
     space, variant, copies = None, 0, 0
     while copied := _COPY.search(stem):
         stem, copies = stem[: copied.start()], copies + int(copied["bracketed"] or copied["number"] or 1)
@@ -171,7 +163,7 @@ def _stripped(stem: str) -> _Stem:
         chunks = list(_CHUNK.finditer(stem))
         match = _TRAILING.fullmatch(chunks[-1][0]) if len(chunks) > 1 else None
         if match is None:
-            return _Stem(stem, space, variant + _MOST_VARIANTS * copies)
+            return stem, space, variant + _MOST_VARIANTS * copies
         if match["variant"] is not None:
             variant = int(match["variant"] or 1)
         stem = stem[: chunks[-1].start()]
@@ -179,14 +171,14 @@ def _stripped(stem: str) -> _Stem:
 
 def colour_space_of(stem: str) -> str | None:
     """The colour space at the end of a stem, as `split_colour_space` has it, wherever the resolution stands."""
-    return _stripped(stem).colour_space
+    return _stripped(stem)[1]
 
 
 def _split(stem: str) -> list[tuple[str, bool]]:
     """Words of a stem in lower case, each with whether a separator precedes it."""
     return [
         (word.lower(), i == 0)
-        for chunk in _CHUNK.findall(_stripped(stem).bare)
+        for chunk in _CHUNK.findall(_stripped(stem)[0])
         for i, word in enumerate(_CAMEL.findall(_GLUED_RESOLUTION.sub("", chunk)))
     ]
 
@@ -214,9 +206,9 @@ def interpretations(stem: str) -> list[NameMatch]:
             found.append(NameMatch(word, meanings, "".join(w for w, _ in words[:start])))
     if not found and words:
         found = _glued([w for w, _ in words])
-    if workflow := _WORKFLOW.fullmatch(_stripped(stem).bare):
+    bare, _, variant = _stripped(stem)
+    if workflow := _WORKFLOW.fullmatch(bare):
         found += interpretations(workflow["bare"])
-    variant = _stripped(stem).variant
     if not variant:
         return found
     return [replace(m, meanings=tuple(replace(each, variant=variant) for each in m.meanings)) for m in found]

@@ -6,15 +6,12 @@ import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 from mipbake.base.errors import UsageError
 from mipbake.base.options import one_of, option
 
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
-
-_Options = TypeVar("_Options", bound="DataclassInstance")
+_Options = TypeVar("_Options", bound=Any)
 
 MapChoice: TypeAlias = "str | os.PathLike[str] | float | None"
 

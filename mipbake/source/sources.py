@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.material import GLTF_MODELS, MODELS
-from mipbake.source.images.image import Image
+from mipbake.source.images.image import Header, Image
 from mipbake.source.options import STRAIGHT
 
 DATA = "data"
@@ -133,6 +134,15 @@ class Found:
     def hashes(self) -> dict[str, str]:
         """Source file name to SHA-256, which is empty before the file is read."""
         return {source.path.name: source.sha256 for source in self.maps.values() if source.path}
+
+
+def file_source(
+    role: str, header: Header, channels: str, encoding: str, inverted: bool, reason: str, **others: Any
+) -> MapSource:
+    """The source of a role whose values come from the file of a header; `others`: further fields of `MapSource`."""
+    about = (header.width, header.height, header.depth, encoding, inverted, reason)
+    layer = (header.declared.part, header.declared.layer)
+    return MapSource(role, header.path, channels, *about, layer=layer, **others)
 
 
 def source_model(anisotropic: bool) -> str:

@@ -18,7 +18,7 @@ from mipbake.source.images.read import read_header
 from mipbake.source.matches import Match, explicit
 from mipbake.source.names import Meaning, interpretations
 from mipbake.source.options import SPECULAR, LoadOptions
-from mipbake.source.sources import IgnoredFile, Log, MapSource
+from mipbake.source.sources import IgnoredFile, Log, MapSource, file_source
 
 _ALONE = frozenset(
     ["specular", "specularcolor", "specularcolour", "specularmap", "spec", "speccolor", "speccolour", "specmap", "spc"]
@@ -64,14 +64,10 @@ def take_specular(
             chosen["roughness"] = Match(found, gloss, f"named {_word(found.path)}")
     space = options.colour_space
     encoding = canonical_colour_space(space or found.colour_space or default_colour_space(found.is_integer))
-    channels = "RGB" if found.channels - (found.alpha >= 0) >= 3 else "Y"
+    channels = "RGB" if found.colours >= 3 else "Y"
     reason = f"{_CONVERTED} (of {chosen['base_color'].header.path.name})" if "base_color" in chosen else _CONVERTED
-    return MapSource(
-        *("metallic", found.path, channels, found.width, found.height, found.depth, encoding, False, reason),
-        converted=True,
-        layer=(found.declared.part, found.declared.layer),
-        metadata=options.metadata,
-    )
+    about = ("metallic", found, channels, encoding, False, reason)
+    return file_source(*about, converted=True, metadata=options.metadata)
 
 
 def _by_name(chosen: Mapping[str, Match], ignored: Sequence[IgnoredFile], options: LoadOptions) -> Header | None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from mipbake.base.errors import InputError, UsageError
@@ -17,15 +17,6 @@ from mipbake.source.options import SHADING_ROLES, LoadOptions, MapChoice
 _STAR = "*"
 _TILE = re.compile("<(UDIM|UVTILE)>", re.IGNORECASE)
 _CHANNELS = re.compile(r":[RGBA]{1,4}$", re.IGNORECASE)
-
-
-@dataclass(frozen=True)
-class _Named:
-    """A file with what its name means, and its stem without its UDIM tile."""
-
-    file: Path
-    match: NameMatch
-    stem: str
 
 
 def divided(
@@ -49,7 +40,7 @@ def divided(
     texts = tiles or {}
     stems = {file: _without_tile(file.stem, texts.get(file, "")) for file in images}
     patterns = {role: _expression(role, str(choice)) for role, choice in options.maps.items() if _is_pattern(choice)}
-    groups: dict[str, list[_Named]] = {}
+    groups: dict[str, dict[Path, NameMatch]] = {}
     for file, by_name in zip(images, classify([stems[file] for file in images]), strict=True):
         by_pattern = (
             NameMatch(role, (Meaning(role),), asset_words(_without_tile(found["name"], texts.get(file, ""))))
@@ -58,18 +49,17 @@ def divided(
         )
         match = next(by_pattern, by_name)
         if match is not None:
-            groups.setdefault(_key(match.asset, stems[file]), []).append(_Named(file, match, stems[file]))
+            groups.setdefault(_key(match.asset, stems[file]), {})[file] = match
     decided = {role for role in options.maps if role not in patterns}
-    own_roles = {asset: _roles(group) for asset, group in groups.items()}
+    own_roles = {
+        asset: {meaning.role for match in group.values() for meaning in match.meanings}
+        for asset, group in groups.items()
+    }
     complete = [asset for asset, roles in own_roles.items() if roles and {"normal", "roughness"} <= roles | decided]
-    if len(complete) < 2 or not _compete([groups[asset] for asset in complete], decided):
+    if len(complete) < 2 or not _compete([groups[asset].values() for asset in complete], decided):
         return {}
     # A set that lacks one of the two is an error when its turn comes; what has neither may be anybody's.
-    sets = {
-        asset: [each.file for each in groups[asset]]
-        for asset, roles in own_roles.items()
-        if {"normal", "roughness"} & (roles - decided)
-    }
+    sets = {a: list(groups[a]) for a, roles in own_roles.items() if {"normal", "roughness"} & (roles - decided)}
     taken = {file for several in sets.values() for file in several}
     for file in images:
         if file not in taken:
@@ -77,7 +67,7 @@ def divided(
             asset = max((a for a in sets if a and words.startswith(a)), key=len, default=None)
             if asset is not None:
                 sets[asset].append(file)
-    shown = {_shown(asset, groups[asset]): tuple(sorted(own)) for asset, own in sets.items()}
+    shown = {_shown(asset, [stems[file] for file in groups[asset]]): tuple(sorted(own)) for asset, own in sets.items()}
     return dict(sorted(shown.items(), key=lambda each: each[0].casefold()))
 
 
@@ -132,27 +122,23 @@ def _key(words: str, stem: str) -> str:
     return "".join(letter for letter in stem.lower() if letter.isalnum() and not letter.isascii()) + words
 
 
-def _roles(group: Sequence[_Named]) -> set[str]:
-    return {meaning.role for each in group for meaning in each.match.meanings}
-
-
-def _compete(groups: Sequence[Sequence[_Named]], decided: set[str]) -> bool:
+def _compete(groups: Sequence[Iterable[NameMatch]], decided: set[str]) -> bool:
     """Whether files of two groups would fill one role of a set, none of them preferred."""
     for role in SHADING_ROLES:
         if role in decided:
             continue
-        ranks = [min((m.rank for e in g for m in e.match.meanings if m.role == role), default=None) for g in groups]
+        ranks = [min((m.rank for e in g for m in e.meanings if m.role == role), default=None) for g in groups]
         known = [rank for rank in ranks if rank is not None]
         if known and known.count(min(known)) > 1:
             return True
     return False
 
 
-def _shown(asset: str, group: Sequence[_Named]) -> str:
+def _shown(asset: str, stems: Sequence[str]) -> str:
     """The name of a set as its files have it, with capitals and separators; empty for files of a role's name alone."""
-    for each in group:
-        for end in range(1, len(each.stem) + 1):
-            found = "".join(re.findall(r"[A-Za-z0-9]", each.stem[:end])).lower()
-            if _key(found, each.stem[:end]) == asset:
-                return each.stem[:end]
+    for stem in stems:
+        for end in range(1, len(stem) + 1):
+            found = "".join(re.findall(r"[A-Za-z0-9]", stem[:end])).lower()
+            if _key(found, stem[:end]) == asset:
+                return stem[:end]
     return asset

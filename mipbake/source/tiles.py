@@ -106,11 +106,8 @@ def tile_options(options: LoadOptions, tile: int, folder: Path | None = None) ->
         if not isinstance(choice, (str, os.PathLike)) or not is_pattern(choice):
             continue
         u, v = place(tile)
-        cell = f"u{u + 1}_v{v + 1}"
-        text = _PLACEHOLDER.sub(
-            lambda m: str(tile) if m[1].upper() == "UDIM" else cell,  # noqa: B023
-            os.fspath(choice),
-        )
+        written = {"UDIM": str(tile), "UVTILE": f"u{u + 1}_v{v + 1}"}
+        text = _PLACEHOLDER.sub(lambda found: written[found[1].upper()], os.fspath(choice))  # noqa: B023
         there = (folder or Path()) / _CHANNELS.sub("", text)
         maps[role] = text
         if "*" not in text and not disk.is_file(there):
@@ -145,24 +142,18 @@ def name_without(name: str, tile: int) -> str:
 
 def _tile_named(text: str) -> int | None:
     """The tile that a placeholder's text names: 1001 to 1999, or u1_v1 and so on."""
-    if re.fullmatch(r"1\d{3}", text):
-        tile = int(text)
-    elif found := re.fullmatch(r"u(\d{1,2})_v(\d{1,3})", text, re.IGNORECASE):
+    tile = int(text) if re.fullmatch(r"1\d{3}", text) else 0
+    if found := re.fullmatch(r"u(\d{1,2})_v(\d{1,3})", text, re.IGNORECASE):
         u, v = int(found[1]), int(found[2])
-        if not (1 <= u <= 10 and v >= 1):
-            return None
-        tile = FIRST + u - 1 + 10 * (v - 1)
-    else:
-        return None
+        tile = FIRST + u - 1 + 10 * (v - 1) if 1 <= u <= 10 and v >= 1 else 0
     return tile if FIRST <= tile <= LAST else None
 
 
 def _readings(name: str) -> list[tuple[int, str, str]]:
     """Every number in a name that could be its tile, with what stands before and after it."""
-    found = []
-    for pattern in (_NUMBER, _CELL):
-        for match in pattern.finditer(name):
-            tile = _tile_named(match[0])
-            if tile is not None:
-                found.append((tile, name[: match.start()], name[match.end() :]))
-    return found
+    return [
+        (tile, name[: match.start()], name[match.end() :])
+        for pattern in (_NUMBER, _CELL)
+        for match in pattern.finditer(name)
+        if (tile := _tile_named(match[0])) is not None
+    ]

@@ -95,6 +95,11 @@ class Header:
         return self.declared.colour.space
 
     @property
+    def colours(self) -> int:
+        """The number of channels without alpha."""
+        return self.channels - (self.alpha >= 0)
+
+    @property
     def is_integer(self) -> bool:
         """Whether values are stored as integers that stand for [0, 1]."""
         return self.depth not in ("half", "float", "double")
