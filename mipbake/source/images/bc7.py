@@ -43,46 +43,34 @@ def compressed(images: Iterable[NDArray[np.uint8]], exactly_opaque: bool = False
     With `exactly_opaque`, for colours, blocks of opaque texels have an alpha of 1 and not of 254 / 255, which takes a
     bit from some of the colours.
     """
-    with _Encoder() as encoder:
+    process: subprocess.Popen[bytes] | None = None
+    alone = False  # whether no process can be started, or it has ended
+    try:
         for image in images:
-            blocks = encoder.blocks(image)
+            texels = image.shape[0] * image.shape[1]
+            blocks = b""
+            if not alone and (process is not None or texels > _INLINE):
+                with suppress(OSError):  # no interpreter of that name: mipbake runs inside another program
+                    process = process or _started()
+                    blocks = _sent(process, image)
+                alone = len(blocks) != texels
+            if len(blocks) != texels:
+                blocks = _here(image)
             yield _opaque(blocks, image) if exactly_opaque else blocks
+    finally:
+        if process is not None:
+            with suppress(OSError), process:  # what could not be sent is still in its pipe
+                process.kill()
 
 
-class _Encoder:
-    """The encoder, in a process that is started when there is enough to do for one; here where none can be."""
-
-    def __init__(self) -> None:
-        self._process: subprocess.Popen[bytes] | None = None
-        self._alone = False
-
-    def __enter__(self) -> _Encoder:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._process is not None:
-            with suppress(OSError), self._process:  # what could not be sent is still in its pipe
-                self._process.kill()
-
-    def blocks(self, image: NDArray[np.uint8]) -> bytes:
-        """The blocks of (H, W, 4) texels."""
-        height, width = image.shape[:2]
-        if self._alone or (self._process is None and height * width <= _INLINE):
-            return _here(image)
-        try:
-            if self._process is None:
-                self._process = subprocess.Popen(
-                    [sys.executable, "-c", _WORKER],
-                    stdin=subprocess.PIPE,
-                    stdout=subprocess.PIPE,
-                    stderr=subprocess.DEVNULL,
-                    cwd=Path(__file__).parent,
-                )
-            found = _sent(self._process, image)
-        except OSError:  # no interpreter of that name: mipbake runs inside another program
-            found = b""
-        self._alone = len(found) != height * width
-        return _here(image) if self._alone else found
+def _started() -> subprocess.Popen[bytes]:
+    return subprocess.Popen(
+        [sys.executable, "-c", _WORKER],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        cwd=Path(__file__).parent,
+    )
 
 
 def _sent(process: subprocess.Popen[bytes], image: NDArray[np.uint8]) -> bytes:

@@ -40,15 +40,13 @@ def said_by(path: Path, image: OpenImageIO.ImageInput) -> Declared:
     return read(path, image.spec())
 
 
-def _other(path: Path, spec: Spec) -> Declared:
+def _other(_path: Path, spec: Spec) -> Declared:
     """Formats with Exif and ICC profiles: JPEG, WebP, PSD and others."""
-    del path
     warnings = ("it holds several frames: only the first is read",) if spec.getattribute("oiio:Movie") else ()
     return Declared(orientation(spec.getattribute("Orientation")), colour=_profile(spec), warnings=warnings)
 
 
-def _turned_by_its_decoder(path: Path, spec: Spec) -> Declared:
-    del path
+def _turned_by_its_decoder(_path: Path, spec: Spec) -> Declared:
     return Declared(colour=_profile(spec))
 
 
@@ -96,8 +94,7 @@ def _windowed(path: Path, spec: Spec, said: Declared) -> Declared:
     return replace(said, window=window, padded=True, warnings=(*said.warnings, f"{about}: the rest of it is zero"))
 
 
-def _radiance(path: Path, spec: Spec) -> Declared:
-    del spec
+def _radiance(path: Path, _spec: Spec) -> Declared:
     with disk.opened(path) as file:
         head = file.read(_HEAD)
     found = _RESOLUTION.search(head)
@@ -210,9 +207,8 @@ def _extra_samples(path: Path) -> tuple[int, ...]:
 _EXTRA_SAMPLES, _MOST_SAMPLES = 338, 128
 
 
-def _targa(path: Path, spec: Spec) -> Declared:
+def _targa(_path: Path, spec: Spec) -> Declared:
     """Kind 4 of the extension area; OpenImageIO puts the first texel into the top left corner itself."""
-    del path
     kind = spec.getattribute("targa:alpha_type")
     notes = ("it says that its alpha has no meaning, but it is read",) if kind in (1, 2) else ()
     return Declared(alpha=PREMULTIPLIED if kind == 4 else STRAIGHT, notes=notes)
