@@ -27,8 +27,7 @@ from mipbake.baking.search.methods import Auto, Optimum
 from mipbake.comparing.candidates import closed_forms, label
 from mipbake.quality.judging.probes import ProbeEffort
 from mipbake.quality.judging.scores import DECIBEL, Scores
-from mipbake.quality.judging.terms import PICTURES, TERMS, Weight
-from mipbake.quality.judging.weights import Weights
+from mipbake.quality.judging.terms import PICTURES, TERMS, Weight, Weights
 from mipbake.quality.metrics.pairs import PAIR_SETS
 from mipbake.quality.reference.problem import Problem
 

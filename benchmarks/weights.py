@@ -22,8 +22,7 @@ from mipbake.baking.search.methods import Auto
 from mipbake.material.aim import DEFAULT_AIM
 from mipbake.quality.judging.probes import ProbeEffort
 from mipbake.quality.judging.scores import DECIBEL, Scores
-from mipbake.quality.judging.terms import TERMS
-from mipbake.quality.judging.weights import Weights, weights_for
+from mipbake.quality.judging.terms import TERMS, Weights, weights_for
 from mipbake.quality.reference.problem import Problem
 
 SETS, SIDE = 6, 256

@@ -10,7 +10,7 @@ from typing import Any
 
 from mipbake.baking import BakedDocument, BakedSet, Listener, NotBaked
 from mipbake.baking.methods import Stop
-from mipbake.baking.options import Asked
+from mipbake.baking.options import BakePlan
 from mipbake.baking.results import DEFECT, Planned, Result, Unchanged
 from mipbake.base.timings import Timings
 from mipbake.cli.bake_stopping import Stopping
@@ -49,10 +49,10 @@ class Printer(Listener):
         with timings(self.session, label) as made:
             yield made
 
-    def found(self, asked: Asked, jobs: Sequence[Job | Failure]) -> None:
+    def found(self, plan: BakePlan, jobs: Sequence[Job | Failure]) -> None:
         """See Listener."""
-        if asked.preset:
-            self.session.print(*_preset_lines(asked.preset, asked, [job for job in jobs if isinstance(job, Job)]))
+        if plan.preset:
+            self.session.print(*_preset_lines(plan.preset, plan, [job for job in jobs if isinstance(job, Job)]))
 
     def read(self, job: Job, sets: Sequence[TextureSet]) -> None:
         """See Listener."""
@@ -169,18 +169,18 @@ def promise_lines(provenance: Provenance) -> list[str]:
     return lines
 
 
-def _preset_lines(preset: Preset, asked: Asked, found: list[Job]) -> list[str]:
+def _preset_lines(preset: Preset, plan: BakePlan, found: list[Job]) -> list[str]:
     """What a preset chose for these sources, and what the user has to mind."""
-    outputs = asked.outputs if any(asked.writes_maps(job) for job in found) else ()
+    outputs = plan.outputs if any(plan.writes_maps(job) for job in found) else ()
     files = [
         f"{o.format}{' or finer' if o.finer else ''}, packing {o.packing}, normals {_normals(o.normals)}"
         for o in outputs
     ]
-    files += [f"{GLB} with {output().format} in it"] if any(asked.wants_glb(job) for job in found) else []
+    files += [f"{GLB} with {output().format} in it"] if any(plan.wants_glb(job) for job in found) else []
     written = f", {'; '.join(files)}" if files else ""
-    sampler = f", sampler {asked.options.sampler}" if asked.options.sampler else ""
+    sampler = f", sampler {plan.options.sampler}" if plan.options.sampler else ""
     return [
-        f"preset {preset.name} for {preset.engine}: target {asked.target}{sampler}{written}",
+        f"preset {preset.name} for {preset.engine}: target {plan.target}{sampler}{written}",
         *(f"in the engine: {note}" for note in preset.notes),
     ]
 

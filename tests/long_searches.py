@@ -3,7 +3,7 @@ one of them.
 
     python long_searches.py FLAG,... ARGUMENTS
 
-A flag `slow` makes a round take a while, and `hangs` makes the stage Keep hang.
+A flag `slow` makes a round take a while, and `hangs` makes the end of a search hang.
 """
 
 from __future__ import annotations
@@ -11,14 +11,14 @@ from __future__ import annotations
 import importlib
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 from mipbake.baking.search import checkpoint, rounds, stages
-from mipbake.baking.search.blending import blend
-from mipbake.baking.search.methods import Refine, Step
-from mipbake.baking.search.stages import Descend, Gather, Keep, Make
+from mipbake.baking.search.methods import Refine
+from mipbake.baking.search.stages import Plan
 from mipbake.baking.search.texel_descent import DescentEffort
 from mipbake.quality.judging.probes import ProbeEffort
 
@@ -33,10 +33,9 @@ class ManyRegions(Refine):
         super().__init__(*given, **{"effort": FEW, "descent": SOME_ROUNDS, **named})
 
     @property
-    def steps(self) -> Sequence[Step]:
-        """The stages."""
-        descend = Descend(self._descent or SOME_ROUNDS, True, 12.0, coarse=8)
-        return Step(Gather(self._effort), 0.1), Step(Make(blend), 0.0), Step(descend, 0.9), Step(Keep(), 0.0)
+    def plan(self) -> Plan:
+        """Coarse levels are few."""
+        return replace(super().plan, coarse=8)
 
 
 def without_pauses(change: Callable[[object, str, Any], None] = setattr) -> None:

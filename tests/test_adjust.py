@@ -151,7 +151,7 @@ def test_strength_1_and_no_adjustments_change_nothing() -> None:
     stack = baked(texture_set)
     assert adjusted(stack, texture_set, Adjustments()) is stack
     assert adjusted(stack, texture_set, Adjustments(False, 1.0, 0.0)) is stack
-    assert Adjustments().spoken == ()
+    assert Adjustments().sentences == ()
 
 
 @pytest.mark.parametrize("anisotropic", [False, True])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 import json
-import math
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -46,35 +45,3 @@ def test_parts_of_some_sets_are_measured(module: Any, monkeypatch: pytest.Monkey
         assert all(tuple(figures) == NAMES for figures in methods.values())
         assert all(figures[kind] > 0 for figures in methods.values() for kind in PICTURES)
         assert methods["linear (box)"] != methods["lean (gaussian)"]
-
-
-def test_every_aim_and_both_limits_are_measured(module: Any) -> None:
-    names = [name for name, _, _ in module("aims").methods()]
-    page = module("results_page.aims")
-    assert [n for n in names if n.startswith("auto")] == [f"auto, aim {aim:g}" for aim in (0, 0.25, 0.5, 0.75, 1)]
-    assert {"neural", "optimum", page.LIMIT, page.PLAIN} < set(names) and len(names) == len(set(names))
-
-
-def test_the_section_says_what_the_record_holds(module: Any, tmp_path: Path) -> None:
-    record, page = module("records.record"), module("results_page.aims")
-    assert page.section(tmp_path) == []
-
-    def figures(snr: float, seen: float) -> dict[str, float]:
-        return {**dict.fromkeys(PAIR_SETS, snr), **dict.fromkeys(PICTURES, seen)}
-
-    seen = {"linear (box)": 0.8, "lean (box)": 0.4, "neural": 0.4 / math.sqrt(2), "auto, aim 0": 0.4,
-            "auto, aim 1": 0.2, "optimum": 0.3, page.LIMIT: 0.1}  # fmt: skip
-    sets = {
-        "one": {name: figures(10.0, value) for name, value in seen.items()},
-        "two": {name: figures(20.0, 4 * value) for name, value in seen.items()},
-    }
-    sets["two"]["linear (box)"], sets["two"]["lean (box)"] = sets["two"]["lean (box)"], sets["two"]["linear (box)"]
-    measured = record.Measured("today", "a machine", 1.0, "0.1.0")
-    record.Record("aims", measured, {"side": 16, "sets": sets}, tmp_path).save()
-    text = "\n".join(page.section(tmp_path))
-    assert "On the middle 16 x 16 texels of each of 2 sets" in text
-    assert "| linear (box) | 15.0 | 15.0 | 1.131 | 1.131 |  |" in text
-    assert "| best closed form | 15.0 | 15.0 | 0.800 | 0.800 |  |" in text  # another form in each set
-    assert "| auto, aim 0 | 15.0 | 15.0 | 0.800 | 0.800 | 0% |" in text
-    assert "| auto, aim 1 | 15.0 | 15.0 | 0.400 | 0.400 | 50% |" in text
-    assert "| neural | 15.0 | 15.0 | 0.566 | 0.566 | 25% |" in text

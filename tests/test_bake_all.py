@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,6 @@ import pytest
 
 import mipbake
 from mipbake.baking import NotBaked, WrittenFile, bake_sources
-from mipbake.baking.methods import METHODS
 from mipbake.cli.main import main
 from mipbake.source.jobs import Job
 from mipbake.stack.stack import MipStack
@@ -32,8 +30,8 @@ def sources(tmp_path: Path) -> list[Path]:
 @pytest.mark.long
 def test_it_writes_what_the_command_writes(sources: list[Path], tmp_path: Path) -> None:
     made = mipbake.bake_all(sources, tmp_path / "python", method="linear", preset="three")
-    asked = ["--method", "linear", "--preset", "three", "--quiet"]
-    assert main(["bake", *map(str, sources), "-o", str(tmp_path / "command"), *asked]) == 0
+    options = ["--method", "linear", "--preset", "three", "--quiet"]
+    assert main(["bake", *map(str, sources), "-o", str(tmp_path / "command"), *options]) == 0
     files = tree(tmp_path / "command")
     assert tree(tmp_path / "python") == files
     for name in files:
@@ -102,12 +100,3 @@ def test_a_listener_hears_what_happens(sources: list[Path], tmp_path: Path) -> N
     made = bake_sources(given, tmp_path / "out", mipbake.BakeOptions(method="linear"), listener=heard)
     assert heard.said == ["read metal", "baked metal into metal", "failed empty"]
     assert isinstance(made[0], mipbake.BakedSet) and {"read", "write"} <= set(made[0].seconds)
-
-
-@pytest.mark.long
-def test_the_call_of_the_page_runs(sources: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (code,) = [c for c in re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.S) if "bake_all" in c]
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setitem(METHODS, "auto", METHODS["linear"])  # for its speed
-    exec(code, {})
-    assert {"baked/scene.glb", "baked/metal/stack.json"} <= set(tree(tmp_path))

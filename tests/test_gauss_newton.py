@@ -1,13 +1,14 @@
-"""The optimiser that blends and texels share."""
+"""The optimiser that blends and texels share, and its many small systems of equations."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from mipbake.baking.search.gauss_newton import System, accepted, signs
+from mipbake.baking.search.gauss_newton import System, accepted, factored, signs, solved
 
 BLOCKS, UNKNOWNS = 5, 3
+
 FREE = np.full(UNKNOWNS, -np.inf), np.full(UNKNOWNS, np.inf)
 
 
@@ -42,14 +43,15 @@ def test_no_step_is_longer_than_a_unit() -> None:
     assert np.abs(found).max() <= 1e-3 * (1 + 1e-9)
 
 
-def test_unknowns_at_a_limit_stay_and_the_others_find_the_best_beside_it() -> None:
+@pytest.mark.parametrize("end", [-1, 1])
+def test_unknowns_at_a_limit_stay_and_the_others_find_the_best_beside_it(end: int) -> None:
     curvature, lowest = quadratic()
-    here = np.zeros_like(lowest)
-    limits = np.full(UNKNOWNS, -10.0), np.array([0.0, 10, 10])
+    here, lowest = np.zeros_like(lowest), end * lowest
+    limits = np.sort([np.full(UNKNOWNS, -10.0 * end), end * np.array([0.0, 10, 10])], 0)
     pull = slope(curvature, lowest, here)
-    found = system(curvature, here, limits=limits).stepped(here, pull)
-    stopped = pull[:, 0] < 0
-    assert stopped.any() and (found[stopped, 0] == 0).all() and (found[:, 0] <= 0).all()
+    found = system(curvature, here, limits=(limits[0], limits[1])).stepped(here, pull)
+    stopped = end * pull[:, 0] < 0
+    assert stopped.any() and (found[stopped, 0] == 0).all() and (end * found[:, 0] <= 0).all()
     rest = slope(curvature, lowest, found)[stopped][:, 1:]
     assert np.abs(rest).max() < 0.05 * np.abs(pull).max()
 
@@ -86,3 +88,39 @@ def test_random_signs_give_the_curvature_in_the_mean() -> None:
     jacobian = rng.normal(size=(6, 4))
     rows = signs((20000, 6), rng) @ jacobian
     assert rows.T @ rows / len(rows) == pytest.approx(jacobian.T @ jacobian, abs=0.25)
+
+
+SYSTEMS = 40
+
+
+def systems(size: int, dtype: type) -> tuple[np.ndarray, np.ndarray]:
+    """Positive definite (B, P, P) matrices, and (B, P) right sides."""
+    rng = np.random.default_rng(size)
+    roots = rng.standard_normal((SYSTEMS, size, 2 * size))
+    return (roots @ roots.swapaxes(1, 2)).astype(dtype), rng.standard_normal((SYSTEMS, size)).astype(dtype)
+
+
+@pytest.mark.parametrize(("dtype", "near"), [(np.float64, 1e-12), (np.float32, 2e-5)])
+@pytest.mark.parametrize("size", [1, 2, 7, 12, 20])
+def test_factors_and_solutions_are_right(size: int, dtype: type, near: float) -> None:
+    matrices, right = systems(size, dtype)
+    factors = factored(matrices)
+    assert factors.dtype == dtype and factors.shape == (size, size, SYSTEMS)
+    np.testing.assert_allclose(np.moveaxis(factors, -1, 0), np.linalg.cholesky(matrices), rtol=1e2 * near, atol=near)
+    found = solved(factors, right)
+    assert found.dtype == dtype and found.shape == right.shape
+    np.testing.assert_allclose((matrices @ found[..., None])[..., 0], right, atol=1e2 * near)
+
+
+def test_a_matrix_that_is_not_positive_definite_has_no_solution_and_spoils_no_other() -> None:
+    matrices, right = systems(3, np.float64)
+    good = solved(factored(matrices), right)
+    matrices[1] = -np.eye(3)
+    matrices[2] = 0
+    matrices[3, 2, 1] = np.nan
+    matrices[4, 0, 0] = np.inf
+    matrices[5] = [[1, 2, 0], [2, 1, 0], [0, 0, 1]]  # eigenvalues 3, -1, 1
+    found = solved(factored(matrices), right)
+    assert np.isfinite(found).all()
+    assert not found[[1, 2, 3, 5]].any()
+    assert np.array_equal(np.delete(found, range(1, 6), 0), np.delete(good, range(1, 6), 0))

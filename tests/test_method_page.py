@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from mipbake.material.aim import DEFAULT_AIM
-from mipbake.quality.judging.terms import PICTURES, TERMS
-from mipbake.quality.judging.weights import weights_for
+from mipbake.quality.judging.terms import PICTURES, TERMS, weights_for
 
 PAGE = (Path(__file__).resolve().parent.parent / "docs" / "method.md").read_text(encoding="utf-8")
 

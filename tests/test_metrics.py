@@ -8,7 +8,6 @@ import pytest
 from mipbake.base.errors import UsageError
 from mipbake.quality.metrics import (
     PAIR_SETS,
-    bootstrap,
     flicker_interval,
     flicker_ratio,
     flicker_ratio_from_sums,
@@ -17,7 +16,6 @@ from mipbake.quality.metrics import (
     mean_interval,
     pair_set,
     snr_db,
-    snr_from_sums,
     snr_gain_interval,
     snr_interval,
     snr_sums,
@@ -43,11 +41,6 @@ def test_near_mirror_lights_spread_around_the_mirror_direction() -> None:
     angle = np.arccos(np.clip((pairs.light[steep] * mirror).sum(-1), -1, 1))
     # Two of the Gaussian's three components turn the direction: a Rayleigh distribution of scale 0.12.
     assert angle.mean() == pytest.approx(0.12 * np.sqrt(np.pi / 2), rel=0.02)
-
-
-def test_snr_of_a_known_error() -> None:
-    reference = np.ones((4, 5, 3), np.float32)
-    assert snr_db(reference * 1.1, reference, reference) == pytest.approx(20, abs=1e-4)
 
 
 def test_reference_noise_does_not_bias_snr() -> None:
@@ -87,31 +80,11 @@ def test_views_are_stratified_in_every_block_and_in_the_whole(name: str) -> None
             assert len(taken) >= 0.97 * count  # directions are rounded to float32 near the edges of cells
 
 
-def test_lights_are_stratified_and_independent_of_views() -> None:
-    pairs = pair_set("hemisphere", 3)
-    light = np.sort(1 - np.square(pairs.light[:, 2].astype(float)))
-    assert np.abs(light - (np.arange(1024) + 0.5) / 1024).max() < 1 / 32
-    assert abs(np.corrcoef(pairs.light[:, 2], pairs.view[:, 2])[0, 1]) < 0.1
-
-
-def test_unknown_pair_set_lists_the_known_ones() -> None:
-    with pytest.raises(UsageError, match="near-mirror, hemisphere"):
-        pair_set("everywhere", 0)
-
-
 def estimates(seed: int = 0, noise: float = 0.1, shape: tuple[int, ...] = (16, 500, 3)):
     rng = np.random.default_rng(seed)
     truth = rng.random(shape) + 0.5
     first, second = (truth + noise * rng.standard_normal(shape) for _ in range(2))
     return truth + 0.05 * rng.standard_normal(shape), first, second
-
-
-def test_sums_of_pairs_add_up_to_the_snr() -> None:
-    p, r1, r2 = estimates()
-    sums = snr_sums(p, r1, r2)
-    assert sums.shape == (16, 3)
-    assert snr_from_sums(sums.sum(0)) == pytest.approx(snr_db(p, r1, r2), abs=1e-9)
-    assert snr_from_sums(sums) == pytest.approx([snr_db(*(a[k] for a in (p, r1, r2))) for k in range(16)], abs=1e-9)
 
 
 def test_snr_refuses_shapes_that_do_not_fit_and_passes_nan_on() -> None:
@@ -155,7 +128,7 @@ def test_a_change_of_a_twentieth_of_the_noise_is_the_least_that_is_a_figure() ->
 
 def test_sums_of_flicker_by_pair() -> None:
     p, a, b = estimates(shape=(3, 8, 400, 3))
-    sums = flicker_sums(p, a, b, entry_axis=1)
+    sums = np.stack([flicker_sums(p[:, k], a[:, k], b[:, k]) for k in range(8)])
     assert sums.shape == (8, 3)
     assert sums.sum(0) == pytest.approx(flicker_sums(p, a, b))
     each = [flicker_ratio(p[:, k], a[:, k], b[:, k]) for k in range(8)]
@@ -180,21 +153,10 @@ def test_mean_intervals_cover_as_often_as_they_say() -> None:
     rng = np.random.default_rng(0)
     hits = 0
     for _ in range(400):
-        interval = mean_interval(3 + rng.standard_normal(64), confidence=0.9)
+        interval = mean_interval(3 + rng.standard_normal(64))
         assert interval.low <= interval.estimate <= interval.high
         hits += interval.low <= 3 <= interval.high
-    assert 0.85 < hits / 400 < 0.94  # 0.9, three standard errors of 0.015 around what 64 values give
-
-
-def test_snr_intervals_cover_the_snr_of_all_pairs() -> None:
-    """Errors are exponential over pairs: an SNR of 10 log10(1 / 0.1) with infinitely many."""
-    rng = np.random.default_rng(0)
-    hits = 0
-    for _ in range(300):
-        sums = np.stack([1 + 0.5 * rng.random(64), 0.125 * rng.exponential(size=64), np.zeros(64)], -1)
-        interval = snr_interval(sums)
-        hits += interval.low <= 10 <= interval.high
-    assert 0.88 < hits / 300 < 0.98
+    assert 0.91 < hits / 400 < 0.98  # 0.95, three standard errors of 0.011 around what 64 values give
 
 
 def test_a_gain_on_the_same_pairs_is_told_apart_where_the_figures_are_not() -> None:
@@ -208,14 +170,6 @@ def test_a_gain_on_the_same_pairs_is_told_apart_where_the_figures_are_not() -> N
     assert 0 < gain.low <= gain.high == pytest.approx(gain.low, abs=1e-6)
 
 
-def test_intervals_are_fixed_by_their_seed() -> None:
-    values = np.random.default_rng(0).random(20)
-    assert mean_interval(values) == mean_interval(values)
-    assert mean_interval(values, seed=1) != mean_interval(values)
-    narrow, wide = (mean_interval(values, confidence) for confidence in (0.5, 0.99))
-    assert wide.low < narrow.low < narrow.high < wide.high
-
-
 def test_a_figure_that_some_resamples_lack_has_no_bounds() -> None:
     """Only one pair changes at all: a third of the resamples miss it."""
     sums = np.zeros((8, 3))
@@ -227,9 +181,10 @@ def test_a_figure_that_some_resamples_lack_has_no_bounds() -> None:
 def test_what_cannot_be_resampled() -> None:
     with pytest.raises(UsageError, match="at least two pairs"):
         snr_interval(np.ones((1, 3)))
-    with pytest.raises(UsageError, match="confidence is 1"):
-        mean_interval(np.ones(5), confidence=1)
-    with pytest.raises(UsageError, match="100 resamples"):
-        bootstrap(snr_from_sums, np.ones((5, 3)), resamples=10)
     with pytest.raises(UsageError, match="the same light-view pairs"):
         snr_gain_interval(np.ones((5, 3)), np.ones((6, 3)))
+
+
+def test_snr_of_a_known_error() -> None:
+    reference = np.ones((4, 5, 3), np.float32)
+    assert snr_db(reference * 1.1, reference, reference) == pytest.approx(20, abs=1e-4)

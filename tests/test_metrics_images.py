@@ -122,11 +122,19 @@ def test_a_black_background_moves_no_exposure() -> None:
     assert hdr_flip(padded * np.float32(1.2), padded).mean > 0
 
 
-@pytest.mark.parametrize("level", [1e-12, 1e-3, 1e6])
-def test_a_flat_reference_has_exposures_however_dark_or_bright(level: float) -> None:
-    exposures = hdr_flip_exposures(flat(level, level, level))
-    assert exposures.start <= exposures.stop and exposures.count == 2
-    assert hdr_flip(flat(level, level, level), flat(level, level, level)).mean == 0
+def test_what_makes_no_sense_is_said() -> None:
+    for wrong in ((1, 0, 3), (0, 1, 1), (0, np.inf, 2), (np.nan, 1, 2)):
+        with pytest.raises(UsageError, match="expected finite stops"):
+            Exposures(*wrong)
+    for measure in (ldr_flip, hdr_flip):
+        for wrong in (0, -1, np.nan, np.inf):
+            with pytest.raises(UsageError, match="pixels_per_degree"):
+                measure(picture(), picture(), pixels_per_degree=wrong)
+    for measure in (hdr_flip, ldr_flip, structural_similarity):
+        with pytest.raises(UsageError, match=r"expected \(H, W, 3\)"):
+            measure(picture().reshape(-1, 3), picture().reshape(-1, 3))
+    with pytest.raises(UsageError, match="at least 11 pixels a side"):
+        structural_similarity(picture()[:10], picture()[:10])
 
 
 def test_a_black_reference_needs_exposures() -> None:
@@ -134,19 +142,6 @@ def test_a_black_reference_needs_exposures() -> None:
     with pytest.raises(UsageError, match=r"black everywhere.*exposures="):
         hdr_flip(grey, black)
     assert hdr_flip(grey, black, exposures=Exposures(0, 1, 2)).mean > 0.5
-
-
-@pytest.mark.parametrize(("start", "stop", "count"), [(1, 0, 3), (0, 1, 1), (0, float("inf"), 2), (float("nan"), 1, 2)])
-def test_exposures_that_make_no_sense(start: float, stop: float, count: int) -> None:
-    with pytest.raises(UsageError, match="expected finite stops"):
-        Exposures(start, stop, count)
-
-
-@pytest.mark.parametrize("ppd", [0, -1, float("nan"), float("inf")])
-def test_pixels_per_degree_are_positive(ppd: float) -> None:
-    for measure in (ldr_flip, hdr_flip):
-        with pytest.raises(UsageError, match="pixels_per_degree"):
-            measure(picture(), picture(), pixels_per_degree=ppd)
 
 
 def test_delta_e_itp_of_the_published_example() -> None:
@@ -174,13 +169,6 @@ def test_delta_e_itp_of_greys_is_that_of_pq(first: float, second: float, scale: 
     assert measured.per_pixel.shape == (16, 20)
 
 
-def test_radiance_1_is_the_reference_white_of_the_standard() -> None:
-    """ITU-R BT.2408 puts diffuse white at 203 cd/m^2."""
-    assert delta_e_itp(flat(1, 1, 1), flat(0.5, 0.5, 0.5)).mean == pytest.approx(
-        delta_e_itp(flat(203, 203, 203), flat(101.5, 101.5, 101.5), nits_per_unit=1).mean, rel=1e-6
-    )
-
-
 def test_delta_e_itp_ends_where_pq_ends() -> None:
     assert delta_e_itp(flat(50, 50, 50), flat(5e6, 5e6, 5e6)).mean == pytest.approx(0, abs=1e-2)
     with pytest.raises(UsageError, match="nits_per_unit"):
@@ -198,11 +186,6 @@ def test_ssim_is_scikit_images() -> None:
     assert measured.mean == pytest.approx(expected, abs=1e-9)
     assert measured.per_pixel[5:-5, 5:-5].mean() == pytest.approx(expected, abs=1e-5)
     assert structural_similarity(first, second).mean == pytest.approx(expected, abs=1e-9)
-
-
-def test_ssim_needs_room_for_its_window() -> None:
-    with pytest.raises(UsageError, match="at least 11 pixels a side"):
-        structural_similarity(picture()[:10], picture()[:10])
 
 
 def test_a_mask_keeps_the_background_out_of_the_mean() -> None:
@@ -231,10 +214,9 @@ def test_images_that_do_not_fit(measure) -> None:
 
 
 @pytest.mark.parametrize("measure", [*LINEAR, *DISPLAY])
-@pytest.mark.parametrize("value", [float("nan"), float("inf")])
-def test_values_that_are_not_finite(measure, value: float) -> None:
+def test_values_that_are_not_finite(measure) -> None:
     image, broken = picture(), picture()
-    broken[3, 5, 1] = value
+    broken[3, 5, 1] = np.nan
     with pytest.raises(
         UsageError, match=r"reference has 1 value that is not finite, the first .* at index \(3, 5, 1\)"
     ):
@@ -255,12 +237,6 @@ def test_negative_radiance(measure) -> None:
 def test_display_values_beyond_white(measure) -> None:
     with pytest.raises(UsageError, match=r"candidate has .* outside \[0, 1\].*srgb_encode"):
         measure(picture(top=2), picture())
-
-
-@pytest.mark.parametrize("measure", [hdr_flip, ldr_flip, structural_similarity])
-def test_pictures_have_two_sides(measure) -> None:
-    with pytest.raises(UsageError, match=r"expected \(H, W, 3\)"):
-        measure(picture().reshape(-1, 3), picture().reshape(-1, 3))
 
 
 def test_read_only_and_strided_images_give_the_same() -> None:
@@ -289,11 +265,8 @@ def test_the_list_of_measures_calls_each_as_it_says(name: str) -> None:
         figures.append(figure.mean if isinstance(figure, Measured) else figure)
     assert measure.loss(figures[0]) < measure.loss(figures[1]) < measure.loss(float("nan"))
     assert measure.name == name and measure.title
-
-
-def test_too_much_and_too_little_flicker_are_as_bad() -> None:
-    loss = MEASURES["flicker"].loss
-    assert loss(2.0) == pytest.approx(loss(0.5)) and loss(1.0) == 0 < loss(1.1) < loss(0.0)
+    if measure.direction == "one":  # too much and too little are as bad
+        assert measure.loss(2.0) == pytest.approx(measure.loss(0.5)) and measure.loss(1.0) == 0 < measure.loss(1.1)
 
 
 @pytest.mark.long
@@ -317,9 +290,3 @@ def test_false_sparkle_by_hand() -> None:
     assert measured.per_pixel == pytest.approx(np.array([[[0.5 / 3, 0], [0, 0.1 / 3]]]), abs=1e-7)
     assert measured.mean == pytest.approx(0.6 / 12)
     assert false_sparkle(reference, candidate).mean == pytest.approx((0.1 + 0.2) / 12)
-
-
-def test_false_sparkle_ends_at_nine_tenths() -> None:
-    white, black = np.ones((16, 20, 3)), np.zeros((16, 20, 3))
-    assert false_sparkle(white, black).mean == pytest.approx(0.9)
-    assert false_sparkle(black, white).mean == 0

@@ -366,14 +366,14 @@ def test_presets_prints_every_row() -> None:
     ],
 )
 def test_presets_choose_a_sampler_for_methods_that_take_one(options: dict[str, object], expected: str | None) -> None:
-    asked = mipbake.BakeOptions(**options).asked().options  # type: ignore[arg-type]
+    asked = mipbake.BakeOptions(**options).plan().options  # type: ignore[arg-type]
     assert (None if asked.sampler is None else str(asked.sampler), asked.lod_bias) == (expected, None)
 
 
 def test_a_method_without_a_sampler_takes_no_bias() -> None:
     for options in ({"preset": "unreal"}, {}):
         with pytest.raises(mipbake.UsageError, match="method linear takes no sampler"):
-            mipbake.BakeOptions(**options, method="linear", lod_bias=-1).asked()
+            mipbake.BakeOptions(**options, method="linear", lod_bias=-1).plan()
 
 
 def test_formats_and_packings_of_presets_exist() -> None:

@@ -57,31 +57,6 @@ def test_a_texture_is_learned_through_a_mesh(device: str) -> None:
     assert torch.mean((learned - target) ** 2) < torch.mean((0.5 - target) ** 2) / 10
 
 
-@pytest.mark.parametrize("device", ["cpu", pytest.param("cuda", marks=needs_cuda)])
-def test_vertices_are_recovered_from_a_silhouette(device: str) -> None:
-    """A white triangle on black finds the place of another one, by the gradients of antialias alone."""
-    tri = torch.tensor([[0, 1, 2]], dtype=torch.int32, device=device)
-    target = torch.tensor([[-0.6, -0.55], [0.65, -0.4], [0.05, 0.7]], device=device)
-    learned = (target + torch.tensor([[0.15, -0.1], [-0.2, 0.1], [0.15, -0.2]], device=device)).requires_grad_()
-
-    def render(points: Tensor) -> Tensor:
-        pos = torch.cat([points, torch.zeros_like(points[:, :1]), torch.ones_like(points[:, :1])], 1)[None]
-        rast, _ = raster.rasterize(None, pos, tri, (32, 32))
-        return raster.antialias((rast[..., 3:] > 0).float(), rast, pos, tri)
-
-    image = render(target)
-    start = float((learned - target).detach().norm(dim=1).max())
-    optimizer = torch.optim.Adam([learned], lr=0.02)
-    schedule = torch.optim.lr_scheduler.ExponentialLR(optimizer, 0.97)
-    for _ in range(120):
-        loss = torch.mean((render(learned) - image) ** 2)
-        optimizer.zero_grad()
-        loss.backward()
-        optimizer.step()
-        schedule.step()
-    assert (learned - target).norm(dim=1).max() < start / 20
-
-
 def test_arrays_in_any_layout_render_what_tensors_do() -> None:
     pos, tri = random_mesh(8, 3, 300, 200)
     attr, tex = torch.rand(3, 200, 2), torch.rand(1, 20, 12, 3)
@@ -152,3 +127,28 @@ def test_more_pixels_give_better_gradients_of_small_triangles() -> None:
     few, more = (np.mean([abs(gradient(n, each) / exact - 1) for each in shifts]) for n in (16, 64))
     assert few > 0.3
     assert more < few / 2
+
+
+@pytest.mark.parametrize("device", ["cpu", pytest.param("cuda", marks=needs_cuda)])
+def test_vertices_are_recovered_from_a_silhouette(device: str) -> None:
+    """A white triangle on black finds the place of another one, by the gradients of antialias alone."""
+    tri = torch.tensor([[0, 1, 2]], dtype=torch.int32, device=device)
+    target = torch.tensor([[-0.6, -0.55], [0.65, -0.4], [0.05, 0.7]], device=device)
+    learned = (target + torch.tensor([[0.15, -0.1], [-0.2, 0.1], [0.15, -0.2]], device=device)).requires_grad_()
+
+    def render(points: Tensor) -> Tensor:
+        pos = torch.cat([points, torch.zeros_like(points[:, :1]), torch.ones_like(points[:, :1])], 1)[None]
+        rast, _ = raster.rasterize(None, pos, tri, (32, 32))
+        return raster.antialias((rast[..., 3:] > 0).float(), rast, pos, tri)
+
+    image = render(target)
+    start = float((learned - target).detach().norm(dim=1).max())
+    optimizer = torch.optim.Adam([learned], lr=0.02)
+    schedule = torch.optim.lr_scheduler.ExponentialLR(optimizer, 0.97)
+    for _ in range(120):
+        loss = torch.mean((render(learned) - image) ** 2)
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+        schedule.step()
+    assert (learned - target).norm(dim=1).max() < start / 20

@@ -12,7 +12,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from mipbake import TextureSet, material
+from mipbake import TextureSet
 from mipbake.baking.bake import DEFAULT_FILTER, Recipe
 from mipbake.base.errors import UsageError
 from mipbake.comparing.candidates import bake_all
@@ -49,30 +49,6 @@ def test_names_of_methods(module: Callable[[str], ModuleType], tmp_path: Path) -
             specs((wrong,), "gltf", DEFAULT_FILTER)
 
 
-def test_networks_are_taken_by_name_where_they_make_the_target(module: Callable[[str], ModuleType]) -> None:
-    methods = module("results_methods")
-    named = methods.named_weights("mipbake-3")
-    assert sorted(named) == [
-        f"neural:mipbake-3{each}" for each in ("", "-anisotropic", "-beckmann", "-ggx")
-    ]  # one makes gltf
-    (spec,) = methods.specs(named, "gltf", DEFAULT_FILTER)
-    (default,) = methods.specs(("neural",), "gltf", DEFAULT_FILTER)
-    assert (spec.name, default.name) == ("mipbake-3", "neural") and len(spec.sha256) == 64
-    assert [spec.weights for spec in methods.specs(named, "beckmann", DEFAULT_FILTER)] == ["mipbake-3-beckmann"]
-
-
-def test_boosted_sets_are_glossier_and_steeper(module: Callable[[str], ModuleType]) -> None:
-    sets = module("results_sets")
-    for model in ("ggx", "beckmann"):
-        plain = sets.in_model(bumpy(), model)
-        more = sets.boosted(plain)
-        np.testing.assert_array_equal(more.stored[..., :6], plain.stored[..., :6])
-        np.testing.assert_allclose(more.stored[..., 8:10], plain.stored[..., 8:10] - 0.5, atol=1e-5)
-        slopes = [material.lift_normal(each.stored[..., 6:8]) for each in (plain, more)]
-        first, second = (normal[..., :2] / normal[..., 2:] for normal in slopes)
-        np.testing.assert_allclose(second, first * np.exp(0.1), rtol=1e-3)
-
-
 @pytest.mark.long
 def test_a_set_is_measured_as_validation_does(module: Callable[[str], ModuleType]) -> None:
     """Bakes in processes of their own give the same stacks, and the same figures."""
@@ -96,34 +72,6 @@ def test_a_set_is_measured_as_validation_does(module: Callable[[str], ModuleType
     json.dumps(found, default=str)
 
 
-@pytest.mark.long
-def test_a_bake_that_fails_says_so(module: Callable[[str], ModuleType]) -> None:
-    methods = module("results_methods")
-    broken = methods.Spec("odd", "linear", "no such kernel", "gltf")
-    with (
-        pytest.raises(RuntimeError, match=r"(?s)odd of bumpy failed.*no such kernel"),
-        methods.bakes(bumpy(), [broken]),
-    ):
-        pass
-
-
-def test_directions_of_bumps(module: Callable[[str], ModuleType]) -> None:
-    sets = module("results_sets")
-    rng = np.random.default_rng(1)
-    slopes = np.zeros((64, 64, 3))
-    slopes[..., 2] = 1
-    assert sets.directionality(slopes) == 0
-    slopes[..., 0] = rng.normal(0, 0.1, (1, 64))
-    assert sets.directionality(slopes) == pytest.approx(1)
-    turned = slopes.copy()
-    turned[..., 0], turned[..., 1] = slopes[..., 0].T * 0.6, slopes[..., 0].T * 0.8
-    assert sets.directionality(turned) == pytest.approx(1)
-    slopes[..., :2] = rng.normal(0, 0.1, (64, 64, 2))
-    assert sets.directionality(slopes) < 0.2
-    across = rng.normal(0, 0.1, (64, 64, 2)) * [np.sqrt(3), 1]  # three times the variance
-    assert sets.directionality(np.concatenate([across, np.ones((64, 64, 1))], -1)) == pytest.approx(0.5, abs=0.06)
-
-
 def test_directional_sets_are_found_by_their_bumps_or_their_map(module: Callable[[str], ModuleType]) -> None:
     sets = module("results_sets")
     flat = np.broadcast_to(np.array([0, 0, 1.0]), (8, 8, 3))
@@ -139,34 +87,6 @@ def test_directional_sets_are_found_by_their_bumps_or_their_map(module: Callable
     for name in (name for name in found if name.startswith("procedural-")):
         assert sets.bumps(found[name])["directionality"] >= sets.DIRECTIONAL
         assert int(name.split("-")[1]) >= 2_000_000  # training and its validation draw smaller seeds
-
-
-def test_twins_differ_in_which_values_meet_alone(module: Callable[[str], ModuleType]) -> None:
-    sets = module("results_sets")
-    first, second = (sets.correlated(3, 32, together).stored for together in (True, False))
-    assert first.dtype == np.float32 and np.isfinite(first).all()
-    for channel in range(first.shape[-1]):
-        assert np.array_equal(np.sort(first[..., channel], None), np.sort(second[..., channel], None))
-
-    def met(stored: np.ndarray) -> float:
-        """How much of F0 the normals explain."""
-        flat = np.concatenate([stored[..., 6:8], np.ones((*stored.shape[:2], 1))], -1).reshape(-1, 3)
-        f0 = stored[..., 3].ravel()
-        left = f0 - flat @ np.linalg.lstsq(flat, f0, rcond=None)[0]
-        return float(1 - left.var() / f0.var())
-
-    assert met(first) > 0.7 and met(second) < 0.3
-
-
-def test_sets_in_another_model_and_parts_of_sets(module: Callable[[str], ModuleType]) -> None:
-    sets, texture_set = module("results_sets"), bumpy()
-    source = sets.in_model(texture_set, "beckmann")
-    assert source.source_model == "beckmann" and (source.height, source.width) == (16, 16)
-    assert np.array_equal(source.material("beckmann"), texture_set.material("beckmann"))
-    assert np.array_equal(source.material("ggx"), material.convert(source.stored, "beckmann", "ggx"))
-    part = sets.middle(texture_set, 6)
-    assert part.wrap == ("clamp", "clamp")
-    assert np.array_equal(part.stored, texture_set.material("gltf")[5:11, 5:11])
 
 
 @pytest.fixture
@@ -223,8 +143,8 @@ def test_a_set_that_fails_leaves_the_others(
 def test_every_kind_plans_its_sets(module: Callable[[str], ModuleType]) -> None:
     measure = module("results_measure")
     effort = measure.ResultsEffort(generated=1, generated_size=32, pairs=2, pairs_size=16, crop=128)
-    asked = measure.Asked({"bumpy": lambda: bumpy(160)}, ("auto",), (), effort)
-    plans = {kind: make(asked) for kind, make in measure.KINDS.items()}
+    wanted = measure.Asked({"bumpy": lambda: bumpy(160)}, ("auto",), (), effort)
+    plans = {kind: make(wanted) for kind, make in measure.KINDS.items()}
     assert [plan.name for plan in plans["whole"]] == ["bumpy"]
     assert {spec.name for spec in plans["crop"][0].methods} >= {"optimum", "refine 7.5s", *measure.FORMS}
     assert plans["crop"][0].source().height == 128
@@ -240,3 +160,20 @@ def test_every_kind_plans_its_sets(module: Callable[[str], ModuleType]) -> None:
     named = {spec.name for spec in plans["directional"][0].methods}
     assert {"auto as gltf", "auto as gltf-anisotropic", "lean (box) as gltf-anisotropic"} <= named
     assert all(plan.source().width for plan in plans["directional"])
+
+
+def test_twins_differ_in_which_values_meet_alone(module: Callable[[str], ModuleType]) -> None:
+    sets = module("results_sets")
+    first, second = (sets.correlated(3, 32, together).stored for together in (True, False))
+    assert first.dtype == np.float32 and np.isfinite(first).all()
+    for channel in range(first.shape[-1]):
+        assert np.array_equal(np.sort(first[..., channel], None), np.sort(second[..., channel], None))
+
+    def met(stored: np.ndarray) -> float:
+        """How much of F0 the normals explain."""
+        flat = np.concatenate([stored[..., 6:8], np.ones((*stored.shape[:2], 1))], -1).reshape(-1, 3)
+        f0 = stored[..., 3].ravel()
+        left = f0 - flat @ np.linalg.lstsq(flat, f0, rcond=None)[0]
+        return float(1 - left.var() / f0.var())
+
+    assert met(first) > 0.7 and met(second) < 0.3

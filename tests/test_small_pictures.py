@@ -1,17 +1,32 @@
-"""Small pictures: where they lie, how samplers look them up, and what is right in them."""
+"""Small pictures: their visible error, where they lie, how samplers look them up, and what is right in them."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.fft import dctn
 
 from mipbake import sampling
 from mipbake.material.aim import ANISOTROPIC, TRILINEAR, Sampler
 from mipbake.material.filtered_source import FilteredSource
 from mipbake.material.pixel_filter import FILTERS
-from mipbake.quality.environment import Lighting, studio
+from mipbake.quality.environment import studio
 from mipbake.quality.judging.shown import KINDS_SHOWN, draw_shown
-from mipbake.quality.metrics.visible import SIDE, VisibleError, bands
+from mipbake.quality.metrics.images import srgb_encode
+from mipbake.quality.metrics.visible import (
+    COSINES,
+    OPPONENT,
+    SENSITIVITY,
+    SIDE,
+    VisibleError,
+    adaptation,
+    bands,
+    bands_adjoint,
+    mean_squares,
+    visible_error,
+)
 from mipbake.quality.reference.problem import Problem, whole
 from mipbake.quality.samplers import look_up
 from mipbake.quality.small_pictures import (
@@ -27,9 +42,107 @@ from mipbake.shading import shade
 
 from .stacks import gltf_level
 
+KINDS, EACH = 2, 3
+
+UNSEEN = float(VisibleError(np.zeros((1, 3, SIDE, SIDE), np.float32), np.zeros(1), 1).means[0])
+"""The error of pictures that are right."""
+
+
+def pictures(seed: int, count: int = KINDS * EACH) -> np.ndarray:
+    """(N, SIDE, SIDE, 3) of noise around grey."""
+    return np.random.default_rng(seed).uniform(0.2, 0.8, (count, SIDE, SIDE, 3)).astype(np.float32)
+
+
+def error_of(off: np.ndarray, noise: float = 0.0) -> VisibleError:
+    """Of (N, SIDE, SIDE, 3) differences of contrasts."""
+    return VisibleError(bands(off.astype(np.float32)), np.full(len(off), noise), KINDS)
+
+
+def test_bands_are_the_cosine_transform_of_opponent_colours() -> None:
+    shown = pictures(1)
+    opponent = np.einsum("ck,nyxk->ncyx", OPPONENT.astype(float), shown.astype(float))
+    np.testing.assert_allclose(bands(shown), SENSITIVITY * dctn(opponent, axes=(2, 3), norm="ortho"), atol=1e-5)
+    np.testing.assert_allclose(COSINES @ COSINES.T, np.eye(SIDE), atol=1e-6)
+
+
+def test_the_adjoint_of_bands_is_their_transpose() -> None:
+    rng = np.random.default_rng(2)
+    shown, gradient = (rng.normal(size=each).astype(np.float32) for each in ((4, SIDE, SIDE, 3), (4, 3, SIDE, SIDE)))
+    forth, back = (bands(shown) * gradient).sum(dtype=float), (shown * bands_adjoint(gradient)).sum(dtype=float)
+    assert forth == pytest.approx(back, rel=1e-4)
+
+
+def test_slopes_are_derivatives_of_logarithms() -> None:
+    rng = np.random.default_rng(3)
+    off, along = (0.1 * rng.normal(size=(KINDS * EACH, SIDE, SIDE, 3)) for _ in range(2))
+    by, step = np.array([1.3, -0.4]), 1e-2
+    ahead, back = (float(by @ error_of(off + turn * step * along).logarithms) for turn in (1, -1))
+    found = float((error_of(off).slopes(by) * along).sum(dtype=float))
+    assert found == pytest.approx((ahead - back) / (2 * step), rel=5e-3)
+
+
+def test_weights_are_derivatives_by_the_squares_of_bands() -> None:
+    rng = np.random.default_rng(4)
+    error, by = error_of(0.1 * rng.normal(size=(KINDS * EACH, SIDE, SIDE, 3))), np.array([0.7, 1.9])
+    share = 1e-2 * rng.normal(size=(len(error.off), 1, 1, 1))
+    ahead, back = (
+        float(by @ replace(error, off=(error.off * np.sqrt(1 + turn * share)).astype(np.float32)).logarithms)
+        for turn in (1, -1)
+    )
+    found = float((error.weights(by)[:, None, None, None] * np.square(error.off) * share).sum(dtype=float))
+    assert found == pytest.approx((ahead - back) / 2, rel=5e-3)
+
+
+def test_each_kind_of_pictures_has_an_error_of_its_own() -> None:
+    off = 0.1 * np.random.default_rng(5).normal(size=(KINDS * EACH, SIDE, SIDE, 3))
+    off[EACH:] *= 3
+    both = error_of(off)
+    for kind in range(KINDS):
+        some = slice(kind * EACH, (kind + 1) * EACH)
+        each = np.sqrt(mean_squares(both.off[some]) + UNSEEN**2)
+        assert both.means[kind] == pytest.approx(each.mean(), rel=1e-5)
+        assert both.logarithms[kind] == pytest.approx(2 * np.log(each.mean()), rel=1e-5)
+        assert (both.weights(np.eye(KINDS)[kind])[some] > 0).all()
+        assert not both.weights(np.eye(KINDS)[1 - kind])[some].any()
+
+
+def test_pseudo_values_scatter_as_errors_do_and_have_their_mean() -> None:
+    off = 0.1 * np.random.default_rng(5).normal(size=(KINDS * EACH, SIDE, SIDE, 3))
+    off[EACH:] *= np.array([1, 2, 4])[:, None, None, None]
+    found = error_of(off).pseudo_values
+    np.testing.assert_allclose(found.mean(1), error_of(off).logarithms)
+    assert 10 * found[0].std() < found[1].std() and (np.diff(found[1]) > 0).all()
+
+
+def test_noise_of_what_is_right_is_no_error() -> None:
+    off = 0.1 * np.random.default_rng(6).normal(size=(KINDS * EACH, SIDE, SIDE, 3))
+    squares = mean_squares(error_of(off).off)
+    for share in (0.5, 0.9):
+        noise = share * float(squares.max())
+        left = np.maximum(squares - noise, 0.1 * noise) + UNSEEN**2
+        np.testing.assert_allclose(error_of(off, noise).roots.reshape(-1), np.sqrt(left), rtol=1e-5)
+
+
+def test_errors_count_against_the_light_that_eyes_are_adapted_to() -> None:
+    """In light, not in its encoding; and a black picture has some light still."""
+    bright, dark = (np.full((1, SIDE, SIDE, 3), light, np.float32) for light in (0.6, 0.0))
+    assert adaptation(bright).reshape(-1) == pytest.approx(0.6, rel=0.05)
+    assert 0 < float(adaptation(dark).reshape(-1)[0]) < 0.05
+    stripes = np.where(np.arange(SIDE) < SIDE // 2, 1, -1)[:, None, None]
+
+    def seen(light: float, off: float) -> float:
+        """The error of stripes, to which what nobody sees adds little."""
+        return visible_error(srgb_encode(light + off * stripes + 0 * bright), srgb_encode(light + 0 * bright))
+
+    assert seen(0.4, 0.2) == pytest.approx(seen(0.2, 0.1), rel=0.1)
+    assert seen(0.4, 0.2) == pytest.approx(2 * seen(0.4, 0.1), rel=0.05)
+
+
 WRAP = ("wrap", "wrap")
+
 HEIGHT, WIDTH = 24, 32
-KINDS = [TRILINEAR, ANISOTROPIC, Sampler(4, -0.3), Sampler(bias=-1.0, frames=8), Sampler(16, 0.5, 8)]
+
+SAMPLERS = [TRILINEAR, ANISOTROPIC, Sampler(4, -0.3), Sampler(bias=-1.0, frames=8), Sampler(16, 0.5, 8)]
 
 
 def drawn(sampler: Sampler, slant: list[float], lod: float = 1.0, lights: int = 4, seed: int = 0) -> SmallPictures:
@@ -47,38 +160,6 @@ def test_slants_are_spread_over_each_kind() -> None:
         places = np.sort((row - low) / (high - low) * each).astype(int)
         np.testing.assert_array_equal(places, np.arange(each))  # one in every part
         assert (np.diff(row) < 0).any()  # in no order
-
-
-def test_frames_are_right_handed_and_slants_are_cosines_of_views() -> None:
-    """Told from what lights from known directions become: a frame turns them, and changes neither lengths nor hands."""
-    world = np.concatenate([np.eye(3), [[0.6, 0.0, 0.8]]])
-    rooms = [Lighting("axes", world, np.ones((4, 3)))]
-    slant = draw_slants(np.random.default_rng(1), 200)
-    rng = np.random.default_rng(2)
-    made = draw_small_pictures(rng, np.ones(200), slant, (32, 32), TRILINEAR, rooms, rng.random((200, 2)))
-    frame = made.light[:, :3].transpose(0, 2, 1).astype(float)  # rows tangent, bitangent, normal
-    np.testing.assert_allclose(frame @ frame.transpose(0, 2, 1), np.broadcast_to(np.eye(3), frame.shape), atol=1e-5)
-    np.testing.assert_allclose(np.linalg.det(frame), 1, atol=1e-5)
-    np.testing.assert_allclose(made.view[:, 0, 2], slant, atol=1e-5)
-    np.testing.assert_allclose(np.linalg.norm(made.view, axis=-1), 1, atol=1e-5)
-    np.testing.assert_allclose(made.light[:, 3], 0.6 * made.light[:, 0] + 0.8 * made.light[:, 2], atol=1e-5)
-    assert (made.view == made.view[:, :1]).all()  # one view for all lights
-    # Turned every way about the vertical, with normals that do not look down, but for walls that cameras look up to.
-    assert (np.abs(frame.mean(0)) < 0.25)[:, [0, 2]].all()
-    up = frame[:, 2, 1]
-    assert up.min() >= -0.2 and up.mean() > 0.4 and (up < 0.1).any()
-
-
-def test_rooms_take_turns_and_lights_that_a_room_lacks_have_no_power() -> None:
-    rooms = [
-        Lighting("one", np.array([[0.0, 1.0, 0.0]]), np.full((1, 3), 2.0)),
-        Lighting("two", np.array([[0.0, 0.6, 0.8], [0.0, 1.0, 0.0]]), np.ones((2, 3))),
-    ]
-    rng = np.random.default_rng(0)
-    made = draw_small_pictures(rng, np.ones(4), np.full(4, 0.8), (32, 32), TRILINEAR, rooms, rng.random((4, 2)))
-    one, two = [[2, 2, 2], [0, 0, 0]], [[1, 1, 1], [1, 1, 1]]
-    np.testing.assert_array_equal(made.power, [one, two, one, two])
-    np.testing.assert_allclose(made.light[1, 0] @ made.light[1, 1], 0.6, atol=1e-5)
 
 
 @pytest.mark.parametrize(("slant", "lookups"), [(1.0, 1), (0.51, 2), (0.5, 2), (0.49, 3), (0.26, 4), (0.1, 10)])
@@ -126,7 +207,7 @@ def test_lookups_are_those_of_the_sampler(slant: float) -> None:
     assert np.abs(found - expected).mean() < 0.02
 
 
-@pytest.mark.parametrize("sampler", KINDS)
+@pytest.mark.parametrize("sampler", SAMPLERS)
 def test_no_lookup_is_beyond_the_reach(sampler: Sampler) -> None:
     slant = np.linspace(0.1, 1, 19).tolist()
     made = drawn(sampler, slant, 2.0)
@@ -137,7 +218,7 @@ def test_no_lookup_is_beyond_the_reach(sampler: Sampler) -> None:
     assert 0.8 * reach(sampler) < farthest <= reach(sampler)
 
 
-@pytest.mark.parametrize("sampler", KINDS)
+@pytest.mark.parametrize("sampler", SAMPLERS)
 def test_what_is_right_is_the_filtered_sum_over_all_lights(sampler: Sampler) -> None:
     """Against the midpoint rule in a loop over lights and places of pixels."""
     level = gltf_level((HEIGHT, WIDTH), 0)
@@ -193,7 +274,7 @@ def test_exposures_lie_between_the_median_of_a_picture_and_of_all() -> None:
     assert np.isfinite(exposures(np.zeros((2, PIXELS, 3), np.float32))).all()
 
 
-@pytest.mark.parametrize("sampler", KINDS)
+@pytest.mark.parametrize("sampler", SAMPLERS)
 def test_a_stack_that_is_right_is_only_off_by_noise(sampler: Sampler) -> None:
     """On a material whose reference is its level 0 everywhere, and with a wrong colour it is not."""
     level = np.broadcast_to(np.array([0.5, 0.3, 0.2, 0, 0.5, 0, 0, 1], np.float32), (16, 16, 8)).copy()
@@ -207,20 +288,7 @@ def test_a_stack_that_is_right_is_only_off_by_noise(sampler: Sampler) -> None:
     other[..., 2] = 0.6
     wrong = shown.error(shown.pictures.radiance("gltf", other))
     assert (right.logarithms < wrong.logarithms - 1).all()
-    assert right.roots == pytest.approx(visible_error_of_nothing(), rel=1e-4)
-
-
-def test_level_0_is_seen_by_pixels_that_are_smaller_than_its_texels() -> None:
-    task = Problem(gltf_level((16, 16), 0), "gltf", "gltf", "gaussian", WRAP, ANISOTROPIC)
-    for lod, least in ((0.0, -0.7), (0.5, 0.5), (1.0, 1.0)):
-        found = draw_shown(task, whole(task), lod, 32, 1, np.random.default_rng(0)).pictures.lod
-        assert least <= found.min() and found.max() <= lod
-        assert found.std() > 0.1 or lod > 0
-
-
-def visible_error_of_nothing() -> float:
-    """What nobody sees, which is added to every error."""
-    return float(VisibleError(np.zeros((1, 3, SIDE, SIDE), np.float32), np.zeros(1), 1).means[0])
+    assert right.roots == pytest.approx(UNSEEN, rel=1e-4)
 
 
 def test_the_slope_of_contrasts_is_their_derivative() -> None:

@@ -107,22 +107,6 @@ def test_coordinates_of_stored_channels_agree_with_the_twin(model: MaterialModel
     np.testing.assert_allclose(here.to_coordinates(here.to_stored(found, model.name), model.name), found, atol=1e-10)
 
 
-@pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
-def test_single_precision_stays(model: MaterialModel) -> None:
-    coordinates = random_coordinates(model, 0.3).astype(np.float32)
-    stored = here.to_stored(coordinates, model.name)
-    made = (
-        stored,
-        here.to_coordinates(stored, model.name),
-        here.stored_adjoint(coordinates, stored, model.name),
-        here.units(coordinates, model.name),
-        *here.limits(coordinates, model.name),
-        here.without_heights(stored, stored, model.name),
-        here.per_coordinate(coordinates, model.name),
-    )
-    assert all(each.dtype == np.float32 for each in made)
-
-
 def test_a_direction_without_a_length_has_a_finite_gradient() -> None:
     coordinates = random_coordinates(MODELS["gltf-anisotropic"], 0.0)[:1]
     (part,) = [each for each in MODELS["gltf-anisotropic"].parts if each.kind is Kind.DIRECTION]

@@ -22,6 +22,7 @@ from mipbake.quality.reference.problem import Image, Problem
 from .stacks import gltf_level
 
 KERNELS = "gaussian", "box"
+
 PROBES = ProbeEffort(groups=2, points=16, samples=1, pictures=8, picture_samples=1, doublings=0)
 
 

@@ -10,16 +10,11 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
-from mipbake.base.errors import InputError, UsageError
 from mipbake.material.aim import ANISOTROPIC, TRILINEAR, Sampler
 from mipbake.material.filtered_source import FilteredSource
 from mipbake.models.moment_config import FEATURES
-from mipbake.quality.metrics.images import tonemapped
-from mipbake.quality.metrics.visible import SIDE, WEIGHT, bands
-from mipbake.shading import shade
 from mipbake.training import batches, loop
-from mipbake.training.balanced_loss import OTHER_SAMPLERS, BalancedBatch, BalancedLossConfig
-from mipbake.training.config import config_from
+from mipbake.training.balanced_loss import OTHER_SAMPLERS, BalancedBatch
 from mipbake.training.data import Materials
 from mipbake.training.picture_loss import SeenPictures, draw_pictures, plain_levels
 
@@ -68,25 +63,6 @@ def test_plain_averages_have_their_own_error_and_a_loss_near_one(sampler: Sample
 
 
 @pytest.mark.parametrize("sampler", KINDS)
-def test_bands_and_errors_are_the_ones_that_stacks_are_judged_by(sampler: Sampler) -> None:
-    """A constant stack shows the same in all pixels of a picture: what displays and bands make of it is known."""
-    pictures = drawn(sampler)
-    texel = np.array([0.9, 0.5, 0.2, 0, 0.7, 0, 0, 1], np.float32)
-    found = pictures.errors([torch.from_numpy(np.broadcast_to(texel, PATCHES.shape).copy())], "gltf").numpy()
-    expected = []
-    for index in range(len(PATCHES)):
-        light, view, power, adapted, first, second = (
-            getattr(pictures, name)[index].numpy() for name in ("light", "view", "power", "adapted", "first", "second")
-        )
-        radiance = (shade("gltf", texel[None], light, view) * power).sum(0)
-        contrast = np.asarray(tonemapped(radiance) / adapted, np.float32)
-        shown = bands(np.broadcast_to(contrast, (1, SIDE, SIDE, 3)).copy())
-        expected.append(((shown[0] - first) * (shown[0] - second)).sum(dtype=float) / WEIGHT)
-    assert max(expected) > 1e-3
-    np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-6)
-
-
-@pytest.mark.parametrize("sampler", KINDS)
 def test_the_gradient_is_the_derivative_of_what_is_off(sampler: Sampler) -> None:
     """What errors are divided by is taken as it is: for one estimate, the loss is a quotient of two squares."""
     pictures = drawn(sampler, patches=PATCHES[:1])
@@ -109,19 +85,6 @@ def test_the_gradient_is_the_derivative_of_what_is_off(sampler: Sampler) -> None
         float((leaf.grad * way).sum()) for leaf, way in zip(leaves, along, strict=True) if leaf.grad is not None
     )
     assert found == pytest.approx(expected, rel=2e-2)
-
-
-def test_noise_of_estimates_is_no_error() -> None:
-    """The mean over many draws of the error of a stack is what one with many times the samples finds."""
-    levels = tensors(plain_levels(PATCHES[:1], "gltf"))
-    errors, apart = [], []
-    for seed in range(30):
-        pictures = drawn(TRILINEAR, 0.3, seed, PATCHES[:1])
-        errors.append(float(pictures.errors(levels, "gltf")))
-        first = replace(pictures, second=pictures.first)
-        apart.append(float(first.errors(levels, "gltf")))
-    assert np.mean(errors) < np.mean(apart)  # a square of one difference holds the noise, too
-    assert np.mean(errors) > 0
 
 
 def test_steps_draw_pictures_for_samplers_as_often_as_is_asked() -> None:
@@ -170,24 +133,6 @@ def test_training_on_pictures_moves_every_parameter_and_makes_them_right() -> No
     assert error() < 0.95 * before
 
 
-def test_a_training_without_rooms_has_no_lights_of_rooms() -> None:
-    config = BalancedLossConfig(crops=1, crop_size=16, rooms=0)
-    batch = config.draw(torch.from_numpy(PATCHES[:1]), "gltf", np.random.default_rng(0))
-    assert batch.pairs.light.shape[1] == batch.pairs.weights.shape[2] and not batch.pictures
-    network = loop.new_state(tiny()).network
-    assert np.isfinite(float(config.value(network, batch).detach()))
-
-
-@pytest.mark.parametrize(
-    "change",
-    [{"pictures": -1}, {"rooms": -1}, {"picture_weight": -0.5}, {"anisotropic": 1.5}],
-    ids=lambda c: next(iter(c)),
-)
-def test_wrong_settings_are_named(change: dict[str, float]) -> None:
-    with pytest.raises(UsageError, match=f"loss.{next(iter(change))}"):
-        tiny(loss=change)
-
-
 def test_a_training_starts_from_released_weights(tmp_path: Path) -> None:
     network = loop.new_state(tiny(run={"seed": 7})).network
     given = {name: value.contiguous() for name, value in network.state_dict().items()}
@@ -198,18 +143,3 @@ def test_a_training_starts_from_released_weights(tmp_path: Path) -> None:
     own = state.network.state_dict()
     assert new and not set(new) & set(given) and set(new) | set(given) == set(own)
     assert all(torch.equal(own[name], value) for name, value in given.items())
-
-
-def test_files_that_hold_no_weights_are_refused(tmp_path: Path) -> None:
-    state = loop.new_state(tiny())
-    for content in (None, b"", b"no weights"):
-        path = tmp_path / "none.safetensors"
-        if content is not None:
-            path.write_bytes(content)
-        with pytest.raises(InputError, match=r"none\.safetensors"):
-            loop.start_from(state, path)
-    other = loop.new_state(config_from({"network": {"latent_channels": 20}})).network
-    renamed = {f"other.{name}": value.contiguous() for name, value in other.state_dict().items()}
-    save_file(renamed, tmp_path / "other.safetensors")
-    with pytest.raises(UsageError, match="no weights of this architecture"):
-        loop.start_from(state, tmp_path / "other.safetensors")

@@ -1,4 +1,4 @@
-"""What artists ask of a finished stack: level 0 as it was, less of an effect, a floor for the roughness."""
+"""Changes of a finished stack: level 0 as it was, less of an effect, a floor for the roughness."""
 
 from __future__ import annotations
 
@@ -51,12 +51,7 @@ class Adjustments:
                 raise UsageError(f"{name} is {value:g}: expected a number from 0 to 1")
 
     @property
-    def any(self) -> bool:
-        """Whether the adjustments change anything."""
-        return self != Adjustments()
-
-    @property
-    def spoken(self) -> tuple[str, ...]:
+    def sentences(self) -> tuple[str, ...]:
         """What the adjustments do, in sentences for the provenance."""
         lines = []
         if self.strength < 1:
@@ -68,38 +63,38 @@ class Adjustments:
         return tuple(lines)
 
 
-def adjusted(stack: MipStack, texture_set: TextureSet, asked: Adjustments) -> MipStack:
+def adjusted(stack: MipStack, texture_set: TextureSet, changes: Adjustments) -> MipStack:
     """A stack with adjustments, and without the promise that was measured before them.
 
     Args:
         stack: as it was baked from the set, for `gltf` or `gltf-anisotropic`.
         texture_set: the source.
-        asked: what is to change.
+        changes: what is to change.
 
     Raises:
         UsageError: the stack is of a model whose channels cannot be blended.
     """
-    if not asked.any:
+    if changes == Adjustments():
         return stack
     if stack.model not in GLTF_MODELS:
         raise UsageError(f"a stack of the model {stack.model} cannot be adjusted: expected {' or '.join(GLTF_MODELS)}")
     levels = list(stack.levels)
-    if asked.strength < 1:
+    if changes.strength < 1:
         plain = bake(texture_set, "linear", stack.model, "box").levels[: len(levels)]
-        levels = [_blend(a, b, asked.strength, stack.model) for a, b in zip(plain, levels, strict=True)]
-    if asked.keep_level0:
+        levels = [_blend(a, b, changes.strength, stack.model) for a, b in zip(plain, levels, strict=True)]
+    if changes.keep_level0:
         levels[0] = texture_set.material(stack.model)
         for layout in LAYOUTS[stack.model]:
             if layout.name in ("normal", "anisotropy") and layout.name in texture_set.maps:
                 levels[0][..., layout.channels] = _as_stored(texture_set, layout.name)
         levels = led(levels, stack.model)
-    if asked.min_roughness:
+    if changes.min_roughness:
         roughness = channels_of(stack.model, "roughness")
         for index, level in enumerate(levels):
             raised = level.copy()
-            raised[..., roughness] = np.maximum(level[..., roughness], np.float32(asked.min_roughness))
+            raised[..., roughness] = np.maximum(level[..., roughness], np.float32(changes.min_roughness))
             levels[index] = raised
-    provenance = replace(stack.provenance, promise=None, adjustments=asked.spoken)
+    provenance = replace(stack.provenance, promise=None, adjustments=changes.sentences)
     return replace(stack, levels=levels, provenance=provenance)
 
 

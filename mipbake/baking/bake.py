@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mipbake.baking.methods import METHODS, OPTIONS, LongRun, Prefilter, Stop, discard, method_named
+from mipbake.baking.methods import METHODS, OPTIONS, LongRun, Prefilter, Stop, check_takes, discard, method_named
 from mipbake.baking.prefilter import say
 from mipbake.baking.search.long_run import BEST
 from mipbake.base.device import PROCESSOR
@@ -42,11 +42,11 @@ STOPPED = "the search was stopped before it was done"
 """What the provenance of a stack says then."""
 
 PhaseProgress = Callable[[str, float], None]
-"""Is told the name of the phase and its finished share, from 0 to 1."""
+"""Takes the name of the phase and its finished share, from 0 to 1."""
 
 
 class _Prefiltering:
-    """Progress of the prefilter as the progress of a phase; notes go through (mipbake.baking.prefilter.Notes)."""
+    """Progress of the prefilter as the progress of a phase, which notes go to (mipbake.baking.prefilter.Notes)."""
 
     def __init__(self, progress: PhaseProgress) -> None:
         self._progress = progress
@@ -207,13 +207,13 @@ def bake(
         source: from `mipbake.load` or `TextureSet.from_arrays`; or what `mipbake.load` takes, such as a folder.
         method, target, pixel_filter, options: fields of `Recipe`, which say the same as the options of `mipbake bake`:
             preset, weights, budget, sampler, lod_bias, aim, device.
-        progress: told phase and share as the work goes on. Where it has a method `note`, methods that optimise tell it
-            the SNR they have reached.
+        progress: takes phase and share as the work goes on. Where it has a method `note`, that takes the SNR that
+            methods which optimise have reached.
         checkpoint: a folder that a method with a budget keeps its search in from time to time. The same bake goes on
             from there after it was stopped or its process ended, and the time that was spent counts. The folder is
             removed when the search is done. None: nothing is kept. `auto` without a budget keeps nothing.
-        stop: asked many times a second while texels are optimised; where it says True, the search ends with the best
-            that it has. `auto` without a budget does not ask.
+        stop: is called many times a second while texels are optimised; where it says True, the search ends with the
+            best that it has. `auto` without a budget does not call it.
 
     Returns:
         The stack: the model's stored channels at every level down to 1 x 1, and plain box-filtered levels of the maps
@@ -227,11 +227,9 @@ def bake(
             used; a checkpoint or a stop for a method without a budget.
         InputError, OutputError: as `mipbake.load`, where the source is no texture set.
     """
-    if (checkpoint is not None or stop is not None) and method in METHODS and method not in OPTIONS["budget"]:
-        what = "stop" if checkpoint is None else "checkpoint"
-        raise UsageError(
-            f"method {method} takes no {what}: leave it out, or choose one of {', '.join(OPTIONS['budget'])}"
-        )
+    for what, given in (("checkpoint", checkpoint), ("stop", stop)):
+        if given is not None and method in METHODS:
+            check_takes(method, "budget", what)
     recipe = with_overrides(Recipe(method, target, pixel_filter), options).resolved()
     texture_set = source if isinstance(source, TextureSet) else load(source)
     kept = None if checkpoint is None else Path(checkpoint)

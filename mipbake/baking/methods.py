@@ -73,19 +73,18 @@ def method_named(
     """
     if name not in METHODS:
         raise UsageError(f"unknown method {name!r}: expected one of {', '.join(METHODS)}")
-    asked: dict[str, Any] = {
-        "weights": weights,
-        "budget": budget,
-        "sampler": sampler_of(sampler),
-        "aim": aim,
-        "device": device,
-    }
-    given = {option: value for option, value in asked.items() if value is not None}
+    options = {"weights": weights, "budget": budget, "sampler": sampler_of(sampler), "aim": aim, "device": device}
+    given: dict[str, Any] = {option: value for option, value in options.items() if value is not None}
     for option in given:
-        if name not in OPTIONS[option]:
-            raise UsageError(
-                f"method {name} takes no {option}: leave it out, or choose one of {', '.join(OPTIONS[option])}"
-            )
+        check_takes(name, option)
     if long_run is not None and name in OPTIONS["budget"]:
         given["long_run"] = long_run
     return _MAKERS[name](**given) if given else METHODS[name]
+
+
+def check_takes(name: str, option: str, what: str | None = None) -> None:
+    """UsageError where a method does not take an option; `what`: what the sentence calls it."""
+    if name not in OPTIONS[option]:
+        raise UsageError(
+            f"method {name} takes no {what or option}: leave it out, or choose one of {', '.join(OPTIONS[option])}"
+        )

@@ -1,4 +1,4 @@
-"""How sources are baked and written: what a user asks for, and what that means for every source."""
+"""How sources are baked and written: the options, and what they mean for every source."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ class BakeOptions(Recipe):
         metavar=one_of(SIDECARS),
     )
 
-    def asked(self) -> Asked:
+    def plan(self) -> BakePlan:
         """What that means for every source. UsageError for what no source can be baked with."""
         options = self.resolved()
         target = options.target or AUTO_TARGET
@@ -99,20 +99,20 @@ class BakeOptions(Recipe):
             raise UsageError(f"max_level is {self.max_level}: expected 0 or more")
         adjustments = Adjustments(**{each.name: getattr(self, each.name) for each in fields(Adjustments)})
         for_gltf = target in (AUTO_TARGET, *GLTF_MODELS)
-        # A glTF source becomes a GLB unless something is asked for that only files of maps can be.
+        # A glTF source becomes a GLB unless an option chooses what only files of maps can be.
         as_maps = self.sidecar or self.format or self.packing or self.write_normals or not for_gltf
         documents = not as_maps and (preset is None or preset.documents)
         check_outputs(outputs, source_model(anisotropic=False) if target == AUTO_TARGET else target)
-        if not for_gltf and (glb or adjustments.any):
+        if not for_gltf and (glb or adjustments != Adjustments()):
             what = f"format {GLB}" if glb else "--keep-level0, --strength and --min-roughness"
             raise UsageError(f"the target {target} does not go with {what}: expected {' or '.join(GLTF_MODELS)}")
         if glb or any(output.container.texels == GLB_TEXELS[0] for output in outputs):
             check_encoder()
-        return Asked(options, target, preset, outputs, glb, documents, adjustments, finer)
+        return BakePlan(options, target, preset, outputs, glb, documents, adjustments, finer)
 
 
 @dataclass(frozen=True)
-class Asked:
+class BakePlan:
     """What is to be baked and written, the same for every set.
 
     Args:

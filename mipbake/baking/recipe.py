@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from mipbake.baking.methods import OPTIONS
-from mipbake.baking.options import Asked, BakeOptions
+from mipbake.baking.options import BakeOptions, BakePlan
 from mipbake.base import disk
 from mipbake.base.errors import InputError
 from mipbake.base.version import __version__
@@ -40,17 +40,17 @@ class Ingredients:
     """What jobs of one run are made from.
 
     Args:
-        options, weights: hashes of what is asked for, the same for all jobs.
+        options, weights: hashes, the same for all jobs.
     """
 
     options: str
     weights: str
 
     @classmethod
-    def of(cls, asked: Asked) -> Ingredients:
-        """Those of what is asked for."""
-        options = {name: _number(value) for name, value in asdict(asked.options).items()}
-        return cls(_hash(options), _hash([info.sha256 for info in weights_of(asked.options)]))
+    def of(cls, plan: BakePlan) -> Ingredients:
+        """Those of a plan."""
+        options = {name: _number(value) for name, value in asdict(plan.options).items()}
+        return cls(_hash(options), _hash([info.sha256 for info in weights_of(plan.options)]))
 
     def recipe(self, job: Job, found: Mapping[int, Found], read: Iterable[TextureSet] = ()) -> Fingerprint:
         """The recipe of a set, or of tiles that touch.
@@ -62,8 +62,10 @@ class Ingredients:
             InputError: a file cannot be read.
         """
         known = {s.path: s.sha256 for each in read for s in each.found.maps.values() if s.path and s.sha256}
-        told = job.using(lambda: [[tile, *_told(each, job.parts[tile].options, known)] for tile, each in found.items()])
-        return {"sources": _hash([job.warnings, told]), "options": self.options, "weights": self.weights}
+        parts = job.using(
+            lambda: [[tile, *_read_as(each, job.parts[tile].options, known)] for tile, each in found.items()]
+        )
+        return {"sources": _hash([job.warnings, parts]), "options": self.options, "weights": self.weights}
 
     def document(self, jobs: Sequence[Job]) -> Fingerprint:
         """The recipe of the GLB of a document, from the jobs of all its materials.
@@ -75,14 +77,14 @@ class Ingredients:
         if document is None:
             raise AssertionError("only documents have such a recipe")
         parts = [self.recipe(job, job.found())["sources"] for job in jobs]
-        told = [
+        content = [
             document.json,
             [None if data is None else hashlib.sha256(data).hexdigest() for data in document.buffers],
             [hashlib.sha256(data).hexdigest() for _, data in document.chunks],
             jobs[0].using(lambda: [_image(document, index) for index in range(len(document.all("images")))]),
             parts,
         ]
-        return {"sources": _hash(told), "options": self.options, "weights": self.weights}
+        return {"sources": _hash(content), "options": self.options, "weights": self.weights}
 
 
 def _image(document: Document, index: int) -> str:
@@ -124,8 +126,8 @@ def set_changed(folder: Path, tiles: Iterable[int], recipe: Fingerprint) -> str:
 
 def document_changed(path: Path, recipe: Fingerprint) -> str:
     """The same of the GLB of a document."""
-    told = made_from(path)
-    return NEW if told is None else _difference(told.get("recipe"), told.get("version"), recipe)
+    found = made_from(path)
+    return NEW if found is None else _difference(found.get("recipe"), found.get("version"), recipe)
 
 
 def _difference(found: object, version: object, wanted: Fingerprint) -> str:
@@ -139,11 +141,11 @@ def _difference(found: object, version: object, wanted: Fingerprint) -> str:
     return next((words[part] for part in words if found.get(part) != wanted[part]), "")
 
 
-def _told(found: Found, asked: LoadOptions, known: Mapping[Path, str]) -> list[Any]:
+def _read_as(found: Found, read: LoadOptions, known: Mapping[Path, str]) -> list[Any]:
     """What decides a texture set, as plain types without the folders that files lie in."""
     options = (
-        *(asked.colour_space, asked.normal_convention, asked.roughness_is_gloss, asked.wrap),
-        *(sorted(asked.factors.items()), asked.alpha_cutoff, asked.alpha),
+        *(read.colour_space, read.normal_convention, read.roughness_is_gloss, read.wrap),
+        *(sorted(read.factors.items()), read.alpha_cutoff, read.alpha),
     )
     sources = [[role, *_source(source, known)] for role, source in found.maps.items()]
     return [found.name, found.normal_convention.name, found.warnings, options, sources]
@@ -153,11 +155,11 @@ def _source(source: MapSource, known: Mapping[Path, str]) -> list[Any]:
     if source.path is None:
         return [source.constant]
     read_as = [source.channels, source.encoding, source.inverted, source.converted, *source.applied]
-    return [source.path.name, known.get(source.path) or file_hash(source.path), *read_as]
+    return [source.path.name, known.get(source.path) or _file_hash(source.path), *read_as]
 
 
 def weights_of(options: BakeOptions) -> list[WeightsInfo]:
-    """All trained weights that a bake may take; UsageError where there are none of the name that is asked for."""
+    """All trained weights that a bake may take; UsageError where there are none of that name."""
     if options.method not in OPTIONS["weights"]:
         return []
     if options.weights is not None:
@@ -165,10 +167,10 @@ def weights_of(options: BakeOptions) -> list[WeightsInfo]:
     return [info for info in list_weights() if info.default]
 
 
-def file_hash(path: Path) -> str:
+def _file_hash(path: Path) -> str:
     """SHA-256 of a file in hexadecimal; InputError where it cannot be read."""
-    made = hashlib.sha256()
     with disk.opened(path) as file:
+        made = hashlib.sha256()
         while chunk := file.read(_CHUNK):
             made.update(chunk)
     return made.hexdigest()

@@ -19,7 +19,7 @@ from mipbake.stack.gltf.glb_plain import PlainCost
 from mipbake.stack.stack import MipStack, Provenance
 
 if TYPE_CHECKING:
-    from mipbake.baking.options import Asked
+    from mipbake.baking.options import BakePlan
 
 DEFECT = 1
 """Exit code where what was written shows a defect of mipbake; any other defect has the same code."""
@@ -134,7 +134,7 @@ class Listener:
         del label
         yield Timings()
 
-    def found(self, asked: Asked, jobs: Sequence[Job | Failure]) -> None:
+    def found(self, plan: BakePlan, jobs: Sequence[Job | Failure]) -> None:
         """What is going to be baked is known; nothing is read."""
 
     def read(self, job: Job, sets: Sequence[TextureSet]) -> None:

@@ -11,7 +11,7 @@ from typing import Literal, TypeAlias
 from mipbake.baking.adjust import adjusted
 from mipbake.baking.bake import STOPPED, bake_stoppable
 from mipbake.baking.methods import METHODS, LongRun, discard, size_of
-from mipbake.baking.options import Asked
+from mipbake.baking.options import BakePlan
 from mipbake.baking.recipe import Ingredients, stopped
 from mipbake.baking.results import BakedSet, Listener, WrittenFile
 from mipbake.base import memory
@@ -63,7 +63,7 @@ class Run:
     """One run over all sources.
 
     Args:
-        asked: what is to be made of them.
+        plan: what is to be made of them.
         listener: who hears of it.
         which: "all" bakes what is found; "changed" leaves out what is already what it would be baked to; "none" bakes
             nothing, and says what "changed" would bake.
@@ -74,7 +74,7 @@ class Run:
         documents: document to its materials that have been baked so far, which its GLB is written of in the end.
     """
 
-    asked: Asked
+    plan: BakePlan
     listener: Listener
     which: Which = "all"
     known: bool = False
@@ -85,7 +85,7 @@ class Run:
     @cached_property
     def ingredients(self) -> Ingredients:
         """What all results are made from, besides their sources."""
-        return Ingredients.of(self.asked)
+        return Ingredients.of(self.plan)
 
     @property
     def ours(self) -> IsOurs:
@@ -99,14 +99,14 @@ class Run:
 
 def bake_job(run: Run, job: Job, place: Path, out: Path) -> list[BakedSet]:
     """Bakes a set, or tiles that touch, and writes every stack into a folder in `place`; `out`: of all results."""
-    asked, listener = run.asked, run.listener
+    plan, listener = run.plan, run.listener
     sources = job.found()
     for found in [] if job.tiled else sources.values():
         run.check_output(place / found.name, found.hashes)
-    _check_memory(asked.options.method, sources)
+    _check_memory(plan.options.method, sources)
     with listener.timings(job.source.name) as reading:
         reading("read", 0.0)
-        reads = job.read(multiple_of_side) if asked.wants_glb(job) else job.read()
+        reads = job.read(multiple_of_side) if plan.wants_glb(job) else job.read()
         reading("read", 1.0)
     sets = [each for read in reads for each in read.sets.values()]
     for texture_set in sets:
@@ -120,23 +120,23 @@ def _bake(
     run: Run, job: Job, read: Mosaic, recipe: Fingerprint, reading: Timings, place: Path, out: Path
 ) -> list[BakedSet]:
     """Bakes what is baked at once, and writes its stacks."""
-    asked, listener = run.asked, run.listener
+    plan, listener = run.plan, run.listener
     whole = read.texture_set
-    model = asked.options.model(whole)
-    check_outputs(asked.outputs, model)
+    model = plan.options.model(whole)
+    check_outputs(plan.outputs, model)
     if whole.anisotropic and not MODELS[model].anisotropic:
         listener.note(f"the target {model} has no anisotropy: the anisotropy map goes into the roughness alone")
     with listener.timings(whole.name) as baking:
         baking.seconds.update(reading.seconds)
         checkpoint = checkpoint_of(job, read, out) if run.keeps else None
         long_run = LongRun(checkpoint, listener.descending, listener.note)
-        baked, was_stopped = bake_stoppable(whole, asked.options, baking, long_run)
-        baked = adjusted(baked, whole, asked.adjustments)
+        baked, was_stopped = bake_stoppable(whole, plan.options, baking, long_run)
+        baked = adjusted(baked, whole, plan.adjustments)
         recipe = stopped(recipe) if was_stopped else recipe
         baked = replace(baked, provenance=replace(baked.provenance, recipe=recipe))
-        told = [_left_over(checkpoint)] if was_stopped else []
+        notes = [_left_over(checkpoint)] if was_stopped else []
         made = [
-            _write(run, job, texture_set, stack, place / texture_set.name, baking, told)
+            _write(run, job, texture_set, stack, place / texture_set.name, baking, notes)
             for texture_set, stack in stacks_of(read, baked)
         ]
     if checkpoint is not None and not was_stopped:
@@ -175,15 +175,15 @@ def _write(
     stack: MipStack,
     place: Path,
     baking: Timings,
-    told: Sequence[str],
+    notes: Sequence[str],
 ) -> BakedSet:
-    """Writes the stack of one set, and measures what was written; `told`: what else a user should know."""
-    asked = run.asked
-    asked_for = asked.outputs if asked.writes_maps(job) else ()
-    with_glb = asked.wants_glb(job)
-    check = Check(texture_set, stack, partial(baking, "check"), len(asked_for) + with_glb)
-    outputs = chosen_all(check.seen, stack, asked_for, partial(baking, "texels"))
-    textures = _textures(job, check.seen, stack, asked, partial(baking, "encode")) if with_glb else None
+    """Writes the stack of one set, and measures what was written; `notes`: what else a user should know."""
+    plan = run.plan
+    wanted = plan.outputs if plan.writes_maps(job) else ()
+    with_glb = plan.wants_glb(job)
+    check = Check(texture_set, stack, partial(baking, "check"), len(wanted) + with_glb)
+    outputs = chosen_all(check.seen, stack, wanted, partial(baking, "texels"))
+    textures = _textures(job, check.seen, stack, plan, partial(baking, "encode")) if with_glb else None
     if textures is not None and job.document is not None:
         textures = replace(textures, measured=check.glb(textures))
         run.documents.setdefault(job.source, []).append(BakedMaterial(job, stack, textures))
@@ -195,22 +195,22 @@ def _write(
             place,
             outputs,
             partial(baking, "write"),
-            asked.level_count,
+            plan.level_count,
             beside,
             measured=check,
             known=known,
-            sidecar=asked.options.sidecar,
+            sidecar=plan.options.sidecar,
         )
     costs, left_out = check.costs, () if outputs or textures is None else textures.left_out
-    if files and asked.options.sidecar is not None:
+    if files and plan.options.sidecar is not None:
         listed = next(output for output in outputs if output.container.name == FORMAT)
-        listing = stack.files(listed, asked.level_count)
-        left_out = sidecar_named(asked.options.sidecar, listing, stack.tile).left_out
-    blocks = any(not each.container.exact for each in asked.outputs)
-    engine = block_warnings(outputs, stack, names_texels=asked.preset is None)  # of which a preset speaks itself
-    if asked.preset:
-        engine += asked.preset.check(texture_set.width, texture_set.height, blocks)
-        engine += asked.preset.check_sampler(stack.provenance.sampler)
+        listing = stack.files(listed, plan.level_count)
+        left_out = sidecar_named(plan.options.sidecar, listing, stack.tile).left_out
+    blocks = any(not each.container.exact for each in plan.outputs)
+    engine = block_warnings(outputs, stack, names_texels=plan.preset is None)  # of which a preset speaks itself
+    if plan.preset:
+        engine += plan.preset.check(texture_set.width, texture_set.height, blocks)
+        engine += plan.preset.check_sampler(stack.provenance.sampler)
     result = BakedSet(
         source=job.source,
         out=place,
@@ -219,13 +219,13 @@ def _write(
         defects=tuple(check.defects),
         warnings=(
             *job.warnings,
-            *told,
+            *notes,
             *engine,
             *left_out,
-            *(line for each in costs for line in each.warnings(_chose(asked.preset, each))),
+            *(line for each in costs for line in each.warnings(_chose(plan.preset, each))),
         ),
         model=stack.model,
-        levels=len(stack.levels[: asked.level_count]),
+        levels=len(stack.levels[: plan.level_count]),
         provenance=stack.provenance,
         seconds=dict(baking.seconds),
         set=job.named(texture_set.found),
@@ -234,14 +234,16 @@ def _write(
     return result
 
 
-def _textures(job: Job, seen: TextureSet, stack: MipStack, asked: Asked, progress: Callable[[float], None]) -> Encoded:
+def _textures(
+    job: Job, seen: TextureSet, stack: MipStack, plan: BakePlan, progress: Callable[[float], None]
+) -> Encoded:
     """The textures of a GLB, with the ranges and the texels that cost the least."""
     inside = replace(stack, tile=0)  # textures in a GLB have no file names to carry it
     slots, lobe = (job.bake.slots, job.bake.lobe) if job.bake else (None, BASE)
-    best = (GLB_TEXELS[0], *asked.finer)[-1]
+    best = (GLB_TEXELS[0], *plan.finer)[-1]
     ranges = chosen_ranges(seen, inside, part_of(progress, 0, 3), best)
-    texels = chosen(seen, inside, output(asked.finer), part_of(progress, 1, 3), ranges).texels
-    return encoded(inside, slots, asked.level_count, part_of(progress, 2, 3), lobe, ranges, texels)
+    texels = chosen(seen, inside, output(plan.finer), part_of(progress, 1, 3), ranges).texels
+    return encoded(inside, slots, plan.level_count, part_of(progress, 2, 3), lobe, ranges, texels)
 
 
 def _chose(preset: Preset | None, cost: Cost) -> Preset | None:

@@ -3,22 +3,33 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from mipbake.baking.leaving import together_at, without_left
-from mipbake.baking.options import Asked, BakeOptions
-from mipbake.baking.results import BakedDocument, BakedSet, Listener, NotBaked, Result, WrittenFile
+from mipbake.baking.options import BakeOptions, BakePlan
+from mipbake.baking.recipe import document_changed, set_changed
+from mipbake.baking.results import (
+    BakedDocument,
+    BakedSet,
+    Listener,
+    NotBaked,
+    Planned,
+    Result,
+    Unchanged,
+    WrittenFile,
+)
 from mipbake.baking.sets import BakedMaterial, Run, bake_job
 from mipbake.base.allocator import give_back_freed_memory
 from mipbake.base.errors import InputError, MipbakeError, OutputError
-from mipbake.base.publish import published, temporary_folder
+from mipbake.base.leftovers import tidy
+from mipbake.base.publish import TRIAL, published, temporary_folder
 from mipbake.source.intake import jobs
 from mipbake.source.jobs import Failure, Job
+from mipbake.source.layout import tiles_in
 from mipbake.source.loading import PathLike
 from mipbake.source.options import LoadOptions, with_overrides
 from mipbake.stack.gltf.glb import check_file, save_document
@@ -77,27 +88,33 @@ def bake_sources(
         UsageError: as `bake_all`. InputError: none of the sources is there. OutputError: a GLB cannot lie where it is
             to be written, or there is no room for temporary files.
     """
-    asked = (options or BakeOptions()).asked()
+    plan = (options or BakeOptions()).plan()
     given = [sources] if isinstance(sources, (str, os.PathLike)) else sources
     with temporary_folder() as scratch:
         found = jobs([os.fspath(each) for each in given], load or LoadOptions(), scratch)
-        asked.check_encoder(found)
-        listener.found(asked, found)
-        return bake_jobs(Run(asked, listener, keeps=True), found, Path(out))
+        plan.check_encoder(found)
+        listener.found(plan, found)
+        return bake_jobs(Run(plan, listener, keeps=True), found, Path(out))
 
 
 def bake_jobs(run: Run, found: Sequence[Job | Failure], out: Path) -> list[Result]:
-    """Bakes every job that the run asks for; one that fails does not keep others from it.
+    """Bakes every job that the run is for; one that fails does not keep others from it.
 
     Raises:
         OutputError: a GLB cannot lie where it is to be written.
     """
-    _check_places(found, out, run.asked)
     results: list[Result] = []
+
+    def failed(source: Path, error: MipbakeError) -> None:
+        results.append(NotBaked(source, error))
+        run.listener.failed(NotBaked(source, error))
+
+    documents = {job.source: job for job in found if isinstance(job, Job) and job.document is not None}
+    for document in documents.values() if run.plan.glb or run.plan.documents else ():
+        check_file(out / f"{document.place}.{GLB}", *documents)
     if run.which != "all":
-        found, left = without_left(run, found, out)
-        results += left
-    found = [*_lost_images(found, run.asked), *found]
+        found = list(_to_bake(run, found, out, results, failed))
+    found = [*_lost_images(found, run.plan), *found]
     broken = {job.source for job in found if isinstance(job, Failure)}
     cut_off = False
     for together in _together(found):
@@ -105,7 +122,7 @@ def bake_jobs(run: Run, found: Sequence[Job | Failure], out: Path) -> list[Resul
         cut_off = run.listener.ends() and job.source not in run.documents
         if cut_off:  # the user has stopped a search, whose result is written: what is not begun is abandoned
             break
-        if isinstance(job, Job) and job.document and job.source in broken and not run.asked.writes_maps(job):
+        if isinstance(job, Job) and job.document and job.source in broken and not run.plan.writes_maps(job):
             run.documents[job.source] = []  # its GLB, all that it is baked for, will not be written
             continue
         try:
@@ -117,42 +134,103 @@ def bake_jobs(run: Run, found: Sequence[Job | Failure], out: Path) -> list[Resul
                 else:
                     results += bake_job(run, job, out / job.place, out)
         except MipbakeError as error:
-            results.append(_not_baked(run, job.source, error))
+            failed(job.source, error)
         give_back_freed_memory()
     for source, parts in run.documents.items():
         try:
             results.append(_write_document(run, found, source, parts, out))
         except MipbakeError as error:
-            results.append(_not_baked(run, source, error))
+            failed(source, error)
     if cut_off:
         raise KeyboardInterrupt
     return results
 
 
-def _not_baked(run: Run, source: Path, error: MipbakeError) -> NotBaked:
-    failure = NotBaked(source, error)
-    run.listener.failed(failure)
-    return failure
+def _tiles_of(job: Job | Failure) -> tuple[Path, str]:
+    """Source and name of a set of tiles, the same for all its groups; no name for anything else."""
+    if isinstance(job, Failure) or not job.tiled:
+        return job.source, ""
+    return job.source, next(iter(job.parts.values())).name
+
+
+def _to_bake(
+    run: Run,
+    found: Sequence[Job | Failure],
+    out: Path,
+    results: list[Result],
+    failed: Callable[[Path, MipbakeError], None],
+) -> Iterator[Job | Failure]:
+    """What is to be baked; what is said of everything else goes to `results`.
+
+    Where it cannot be said whether something has changed, because a file cannot be read, a bake says what is wrong.
+    """
+    broken = {each.source for each in found if isinstance(each, Failure)}
+    yield from (job for job in found if isinstance(job, Failure))
+    units: dict[object, list[Job]] = {}  # tiles of a set, all materials of a document that becomes a GLB, or a set
+    for index, job in enumerate(found):
+        if isinstance(job, Job):
+            whole = job.document is not None and run.plan.wants_glb(job)
+            units.setdefault(job.source if whole else _tiles_of(job) if job.tiled else index, []).append(job)
+    for unit in units.values():
+        try:
+            left = _left(run, unit, out, unit[0].source not in broken)
+        except MipbakeError as error:
+            if run.which == "none":
+                failed(unit[0].source, error)
+            else:
+                yield from unit
+            continue
+        if left is None:
+            yield from unit
+        else:
+            results.append(left)
+            run.listener.left(left)
+
+
+def _left(run: Run, jobs: Sequence[Job], out: Path, whole: bool) -> Unchanged | Planned | None:
+    """What is said of jobs that are not baked; None where they are to be baked. `whole`: they are all of their source,
+    so that a tile that is none of theirs is gone."""
+    first, why, place = jobs[0], "", out
+    folders: dict[Path, dict[str, str]] = {}  # each with the files that its stack is of, and their hashes
+    if first.document is not None and run.plan.wants_glb(first):
+        place = out / f"{first.place}.{GLB}"
+        _tidy(run, place)
+        why = document_changed(place, run.ingredients.document(jobs))
+    if run.plan.writes_maps(first) or first.document is None:
+        for job in jobs:
+            found = job.found()
+            folder = out / job.place / (_tiles_of(job)[1] or next(iter(found.values())).name)
+            place = place if place != out else folder
+            _tidy(run, folder)
+            why = why or set_changed(folder, job.parts, run.ingredients.recipe(job, found))
+            for each in found.values():
+                folders.setdefault(folder, {}).update(each.hashes)
+        if first.tiled and not why and whole:
+            gone = tiles_in(place) - {tile for job in jobs for tile in job.parts}
+            why = f"the source of its tile {min(gone)} is gone" if gone else ""
+    if not why:
+        return Unchanged(first.source, place)
+    for folder, hashes in folders.items() if run.which == "none" else ():
+        run.check_output(folder, hashes)  # a plan that cannot be carried out is none
+    return Planned(first.source, place, why) if run.which == "none" else None
+
+
+def _tidy(run: Run, place: Path) -> None:
+    """What a killed process left beside a place goes, or gets its name back, before anybody looks what lies there."""
+    if run.which != "none":
+        tidy(*(Path(os.path.realpath(place)).with_name(name) for name in (place.name, TRIAL)))
 
 
 def _together(found: Sequence[Job | Failure]) -> Iterator[list[Job | Failure]]:
     """What is written together: the groups of tiles of one set; everything else is alone."""
-    for (_, tiled), several in groupby(found, lambda job: (together_at(job), isinstance(job, Job) and job.tiled)):
+    for (_, tiled), several in groupby(found, lambda job: (_tiles_of(job), isinstance(job, Job) and job.tiled)):
         together = list(several)
         yield from [together] if tiled else ([job] for job in together)
 
 
-def _check_places(found: Sequence[Job | Failure], out: Path, asked: Asked) -> None:
-    """OutputError where a GLB cannot lie where it is to be written, as in the place of any of the sources."""
-    documents = {job.source: job for job in found if isinstance(job, Job) and job.document is not None}
-    if asked.glb or asked.documents:
-        for job in documents.values():
-            check_file(out / f"{job.place}.{GLB}", *documents)
-
-
-def _lost_images(found: Sequence[Job | Failure], asked: Asked) -> list[Failure]:
+def _lost_images(found: Sequence[Job | Failure], plan: BakePlan) -> list[Failure]:
     """Documents whose GLB would lack an image that is not baked, found before anything is."""
-    baked = [job for job in found if isinstance(job, Job) and job.document and asked.wants_glb(job)]
+    baked = [job for job in found if isinstance(job, Job) and job.document and plan.wants_glb(job)]
     broken = {job.source for job in found if isinstance(job, Failure)}
     lost = []
     for source in dict.fromkeys(job.source for job in baked if job.source not in broken):
@@ -168,12 +246,12 @@ def _lost_images(found: Sequence[Job | Failure], asked: Asked) -> list[Failure]:
 
 def _bake_tiles(run: Run, groups: Sequence[Job], out: Path) -> list[BakedSet]:
     """Bakes all tiles of a set, and writes them into one folder, or nothing where one cannot be baked."""
-    place = out / together_at(groups[0])[1]
+    place = out / _tiles_of(groups[0])[1]
     found = [each for job in groups for each in job.found().values()]
-    run.check_output(place, {name: told for each in found for name, told in each.hashes.items()})
+    run.check_output(place, {name: sha256 for each in found for name, sha256 in each.hashes.items()})
     with published(place, run.ours) as folder:
         made = [tile for job in groups for tile in bake_job(run, job, folder, out)]
-        run.check_output(place, {name: told for tile in made for name, told in tile.provenance.sources.items()})
+        run.check_output(place, {name: sha256 for tile in made for name, sha256 in tile.provenance.sources.items()})
         tiles = [_gathered(tile, folder, place) for tile in made]
     run.listener.gathered(place, tiles)
     return tiles
@@ -207,7 +285,7 @@ def _write_document(
         raise AssertionError("only documents are collected")
     results = [(part.job.bake, part.stack, part.textures) for part in parts if part.job.bake is not None]
     recipe = run.ingredients.document([job for job in found if isinstance(job, Job) and job.source == source])
-    save = partial(save_document, path, first.document, results, first.plain, run.asked.level_count, recipe)
+    save = partial(save_document, path, first.document, results, first.plain, run.plan.level_count, recipe)
     plain = first.using(save)
     before, size = first.using(first.document.path.stat).st_size, path.stat().st_size
     measured = {bake.name: textures.measured for bake, _, textures in results}

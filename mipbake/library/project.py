@@ -178,7 +178,7 @@ def _chosen(settings: Settings) -> Chosen:
             read[_READ[option]] = setting.value
     options = BakeOptions(**bake)
     load = LoadOptions(**read, wrap=(wrap[0], wrap[1]))
-    options.asked()
+    options.plan()
     return Chosen(options, load, settings)
 
 

@@ -196,7 +196,7 @@ def _pool(how: BatchOptions, out: Path, most: int | None = None) -> Iterator[Wor
 def _chooser(options: BakeOptions | None, load: LoadOptions | None, choose: Choose | None) -> Choose:
     """What gives options for each entry. UsageError, before anything is made, for options that cannot be."""
     same = Chosen(options or BakeOptions(), load or LoadOptions())
-    same.options.asked()
+    same.options.plan()
     return choose or (lambda _label: same)
 
 
@@ -247,7 +247,7 @@ class Batch:
         for entry in library.entries:
             chosen = self.choose(entry.label)
             if chosen.options not in ingredients:
-                ingredients[chosen.options] = Ingredients.of(chosen.options.asked())
+                ingredients[chosen.options] = Ingredients.of(chosen.options.plan())
             own = ingredients[chosen.options]
             recipe = recipe_of(__version__, own.options, own.weights, asdict(chosen.load), str(entry.place))
             planned[entry.label] = self._planned(entry, chosen, recipe)

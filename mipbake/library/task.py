@@ -87,8 +87,8 @@ def _baked(task: Task) -> tuple[list[Result], Sequence[FileState]]:
         others = [path for path in _files(source, found) if not disk.lies_in(path, scratch)]
         # What lay there before it was read counts, should it change meanwhile.
         files = tuple({file.path: file for file in (*states(task.entry, others), *before)}.values())
-        run = Run(task.options.asked(), Listener(), task.which, task.known, task.by_name, keeps=True)
-        run.asked.check_encoder(found)
+        run = Run(task.options.plan(), Listener(), task.which, task.known, task.by_name, keeps=True)
+        run.plan.check_encoder(found)
         return bake_jobs(run, found, task.out / task.entry.place), files
 
 

@@ -80,18 +80,8 @@ class SmallPictures:
         """Some of the pictures, by their indices."""
         if np.array_equal(some, np.arange(len(self.lod))):
             return self
-        return replace(
-            self,
-            lod=self.lod[some],
-            longer=self.longer[some],
-            uv=self.uv[some],
-            axes=self.axes[some],
-            lookups=self.lookups[some],
-            light=self.light[some],
-            view=self.view[some],
-            power=self.power[some],
-            lights=self.lights[some],
-        )
+        arrays = ("lod", "longer", "uv", "axes", "lookups", "light", "view", "power", "lights")
+        return replace(self, **{name: getattr(self, name)[some] for name in arrays})
 
     def reference(self, source: FilteredSource, samples: int, rng: np.random.Generator) -> Image:
         """(N, PIXELS, 3) linear radiance, an unbiased estimate."""

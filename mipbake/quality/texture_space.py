@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -46,7 +47,7 @@ _FEW_PIXELS_WORK = 8
 _LEAST_CHANGE_POINTS = 1024
 
 PhaseProgress = Callable[[str, float], None]
-"""Is told the name of the phase and its finished share, from 0 to 1."""
+"""Takes the name of the phase and its finished share, from 0 to 1."""
 
 Where = str | float
 """A scale, by its name in SCALES, or a level of detail."""
@@ -163,19 +164,19 @@ def measure(
             once.
         scales: names in SCALES; none for the curve alone.
         effort: the random numbers, and how many.
-        progress: told "texture space" and the finished share.
+        progress: takes "texture space" and the finished share.
         sampler: that looks the stacks up.
 
     Raises:
         UsageError: no lod or a negative one, fewer than one point or sample, an unknown pixel filter.
     """
     height, width = size = source.size
-    asked = curve_lods(size) if lods is None else tuple(float(lod) for lod in lods)
-    check_settings(asked, effort.points, effort.samples)
+    wanted = curve_lods(size) if lods is None else tuple(float(lod) for lod in lods)
+    check_settings(wanted, effort.points, effort.samples)
     seed, points, samples = effort.seed, effort.points, effort.samples
     last = last_lod(size)
-    curve = tuple(dict.fromkeys(min(lod, last) for lod in asked))
-    notes = () if curve == asked else (f"lods beyond the last level were measured there, at lod {last:g}.",)
+    curve = tuple(dict.fromkeys(min(lod, last) for lod in wanted))
+    notes = () if curve == wanted else (f"lods beyond the last level were measured there, at lod {last:g}.",)
     at_scale = {scale: scale_lods(size, scale) for scale in scales}
     shifted = {lod for each in at_scale.values() for lod in each}
     every = tuple(dict.fromkeys((*curve, *sorted(shifted))))
@@ -197,8 +198,8 @@ def measure(
 
     sums: _Collected = {}
     side_by_side = together * own * samples >= _SIDE_BY_SIDE
-    items, told = len(every) * len(parts), lambda share: progress(PHASE, share)
-    for pieces in on_threads(measured, items, told, None if side_by_side else 1):
+    items = len(every) * len(parts)
+    for pieces in on_threads(measured, items, partial(progress, PHASE), None if side_by_side else 1):
         for key, rows in pieces:
             sums.setdefault(key, []).extend(rows)
     progress(PHASE, 1.0)

@@ -39,7 +39,7 @@ def chain(whole: Whole, form: Form, channels: int, kernel: str, wrap: Wrap, prog
 
     Args:
         kernel: a name in `mipbake.material.pixel_filter.FILTERS`. wrap: addressing along u and v.
-        progress: told the finished share, in this thread.
+        progress: takes the finished share, in this thread.
     """
     together = Together(whole, [(form, kernel)], wrap)
     (placed,) = together.placed

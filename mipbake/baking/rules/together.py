@@ -128,7 +128,7 @@ class Together:
         """Shows the averages of all levels, the levels of the bands first; once.
 
         Args:
-            progress: told the finished share; all but a few hundredths of the work are the bands.
+            progress: takes the finished share; all but a few hundredths of the work are the bands.
         """
         height, width = self._sizes[0]
         count = max(1, height // max(bands.ROWS, bands.BAND // width))

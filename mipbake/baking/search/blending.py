@@ -12,73 +12,46 @@ With a deadline, ingredients that would take too long are left out, the ones tha
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import material
-from mipbake.baking.prefilter import Progress
-from mipbake.baking.search.ingredients import Bench, Ingredient, Rivals
+from mipbake.baking.search.ingredients import CHECK, HELD_OUT, TRAIN, Bench, Rivals
 from mipbake.baking.search.level_fit import SeenAt, columns, fit_level
+from mipbake.baking.search.touched import mixed
 from mipbake.base.threads import side_by_side
+from mipbake.material import MODELS, directions
 from mipbake.quality.judging.judge import Judge
-from mipbake.quality.judging.probes import ProbeEffort
 from mipbake.quality.judging.scores import Score, Scores, between_levels
-from mipbake.quality.judging.weights import Weights
-from mipbake.quality.reference.problem import Image, Problem
+from mipbake.quality.judging.terms import Array
+from mipbake.quality.reference.problem import Image
 
 KEPT = (1.0, 0.75, 0.5, 0.25, 0.0)
 """How much of a level's change may be kept."""
+
+Shares = NDArray[np.float32]
+"""Of a level, as level_fit.py has them."""
 
 Texels = Callable[[int, int, float], Image]
 """The (N, C) lookups at a probe, by its index, of a level of whose change so much is kept."""
 
 
 @dataclass(frozen=True, eq=False)
-class Gathered:
-    """Ingredients, and the renders that they were looked up in.
-
-    Args:
-        train: renders that blends are fitted to. check: renders that nothing is fitted to, at levels of detail in steps
-            of 1/2. held_out: renders that decide nothing, at the same levels of detail.
-        fitting: what stacks are worth by `train`, held against the best closed forms that look fine. judge: the same by
-            `check`.
-    """
-
-    bench: Bench
-    train: Scores
-    check: Scores
-    held_out: Scores
-    fitting: Judge
-    judge: Judge
-
-    @property
-    def problem(self) -> Problem:
-        """What the ingredients were baked for."""
-        return self.bench.problem
-
-    def safe(self, level: int) -> str:
-        """The ingredient that is worth most at a level."""
-        return self.bench.safest(level, self.fitting)
-
-
-@dataclass(frozen=True, eq=False)
 class Blend:
-    """A stack made of ingredients.
+    """A stack made of ingredients, with what was measured of these.
 
     Args:
         levels: (H_L, W_L, C) valid stored channels.
         sources: for each level, the names of its ingredients.
-        judge, check, held_out: as Gathered has them.
+        judge: what stacks are worth by `check`, renders that nothing is fitted to. held_out: renders that decide
+            nothing.
         rivals: the best closed forms at levels of detail.
         plain: (L, V) logarithm of the visible error of plain MIP maps there, by the held-out renders.
-        left_out: closed forms that there was no time to bake, in none of the above.
-        typical: as Bench has it.
+        left_out, typical: as Bench has them.
     """
 
     levels: list[Image]
@@ -87,100 +60,45 @@ class Blend:
     check: Scores
     held_out: Scores
     rivals: list[Rivals]
-    plain: NDArray[np.float64]
+    plain: Array
     left_out: tuple[str, ...] = ()
     typical: Image | None = None
 
 
-def gathered(
-    problem: Problem,
-    ingredients: Sequence[Ingredient],
-    effort: ProbeEffort,
-    judged_by: Weights,
-    seed: int = 0,
-    progress: Progress = lambda _: None,
-    deadline: float = math.inf,
-) -> Gathered:
-    """Bakes ingredients and looks them up in three sets of renders.
-
-    Args:
-        ingredients: the ingredients, in the order of preference where they measure the same, BASE with the pixel filter
-            among them. A network need not be.
-        effort: of the renders that judge; those that are fitted to have half the points.
-        deadline: time.monotonic() by which all ingredients are baked; ingredients that would not be are left out.
-        judged_by: what errors count.
-    """
-    train, check, held_out = _renders(problem, _efforts(effort), seed)
-    bench = Bench(problem, ingredients, (train, check), held_out, progress, deadline)
-    lods = range(len(check.lods))
-    fitting, judge = (
-        Judge([bench.baseline(which, index, judged_by.looks_worse) for index in lods], judged_by) for which in (0, 1)
-    )
-    return Gathered(bench, train, check, held_out, fitting, judge)
-
-
-def judging_renders(problem: Problem, effort: ProbeEffort, seed: int) -> tuple[Scores, Scores]:
-    """The renders that judge, and the held-out ones, as `gathered` draws them."""
-    _, *efforts = _efforts(effort)
-    check, held_out = _renders(problem, efforts, seed, first=1)
-    return check, held_out
-
-
-def _efforts(effort: ProbeEffort) -> list[ProbeEffort]:
-    """Of the renders that are fitted to, the renders that judge, and the held-out ones."""
-    # A handful of shares a level needs fewer points than to decide what is kept of them.
-    fewer = replace(
-        effort,
-        groups=max(1, 2 * effort.groups // 3),
-        points=max(1, 3 * effort.points // 4),
-        pictures=max(1, effort.pictures // 2),
-    )
-    return [fewer, effort, replace(effort, groups=max(2, effort.groups // 2), pictures=1)]
-
-
-def _renders(problem: Problem, made_with: Sequence[ProbeEffort], seed: int, first: int = 0) -> list[Scores]:
-    with ThreadPoolExecutor(2) as pool:
-        drawn = [pool.submit(Scores, problem, each, 3 * seed + index) for index, each in enumerate(made_with, first)]
-        return [each.result() for each in drawn]
-
-
-def blend(found: Gathered, shares: Sequence[NDArray[np.float32]] | None = None) -> Blend:
+def blend(bench: Bench, shares: Sequence[Shares] | None = None) -> Blend:
     """Keeps of a blend what the judge confirms. `shares`: a level each; None for the shares that `fitted` gives."""
-    shares = fitted(found) if shares is None else shares
-    safe = [found.safe(level) for level in range(found.problem.last + 1)]
+    shares = fitted(bench) if shares is None else shares
+    safe = [bench.safe(level) for level in range(bench.problem.last + 1)]
 
     @cache
     def made(index: int, level: int) -> Image:
-        return found.bench.fitted(1, index, level, shares[level])
+        return _blended(bench, CHECK, index, level, shares[level])
 
     def texels(index: int, level: int, kept: float) -> Image:
-        own = found.bench.seen(safe[level], 1, index, level)
-        return between(own, made(index, level), kept, found.problem.target) if kept else own
+        own = bench.seen(safe[level], CHECK, index, level)
+        return between(own, made(index, level), kept, bench.problem.target) if kept else own
 
-    kept = confirmed(found.judge, found.check, texels, len(safe))
-    return _made(found, [found.bench.mixture(*each) for each in zip(shares, safe, kept, strict=True)])
+    kept = confirmed(bench.judge, bench.check, texels, len(safe))
+    return _made(bench, [_mixture(bench, *each) for each in zip(shares, safe, kept, strict=True)])
 
 
-def best(found: Gathered) -> Blend:
+def best(bench: Bench) -> Blend:
     """Every level from the one ingredient that is worth most there."""
     none = np.zeros(0, np.float32)
-    mixtures = [found.bench.mixture(none, found.safe(level), 0.0) for level in range(found.problem.last + 1)]
-    return _made(found, mixtures)
+    return _made(bench, [_mixture(bench, none, bench.safe(level), 0.0) for level in range(bench.problem.last + 1)])
 
 
-def fitted(found: Gathered) -> list[NDArray[np.float32]]:
+def fitted(bench: Bench) -> list[Shares]:
     """Shares of every level's blend, fitted from the coarsest level to the finest."""
-    bench, train = found.bench, found.train
-    target, last = found.problem.target, found.problem.last
-    out: list[NDArray[np.float32]] = []
-    for level in range(last, -1, -1):
+    train, out = bench.sets[TRAIN], list[Shares]()
+    for level in range(bench.problem.last, -1, -1):
         seen = []
         for index, share in ((2 * level, 1.0), (2 * level + 1, 0.5)):
             if index < len(train.probes):
-                base, others = bench.parts(0, index, level)
-                other = bench.fitted(0, index, level + 1, out[-1]) if share < 1 else None
-                seen.append(SeenAt(index, share, other, base, columns(base, others, target)))
-        out.append(fit_level(seen, train, found.fitting))
+                base, others = bench.parts(TRAIN, index, level)
+                other = _blended(bench, TRAIN, index, level + 1, out[-1]) if share < 1 else None
+                seen.append(SeenAt(index, share, other, base, columns(base, others, bench.problem.target)))
+        out.append(fit_level(seen, train, bench.fitting))
     return out[::-1]
 
 
@@ -193,7 +111,6 @@ def confirmed(judge: Judge, check: Scores, texels: Texels, levels: int) -> list[
         judge: of the levels of detail of `check`, which are all in steps of 1/2.
     """
     kept = [1.0] * levels
-
     known: dict[tuple[int, tuple[float, ...]], Score] = {}  # many choices are looked at again and again
 
     def choice(index: int) -> tuple[int, tuple[float, ...]]:
@@ -237,11 +154,61 @@ def between(first: Image, second: Image, kept: float, model: str) -> Image:
     return material.regularise(first + np.float32(kept) * (second - first), model)
 
 
-def _made(found: Gathered, mixtures: list[dict[str, NDArray[np.float64]]]) -> Blend:
-    bench = found.bench
-    levels = bench.mixed(mixtures)
-    lods = range(len(found.check.lods))
-    rivals, plain = [bench.rivals(index) for index in lods], np.stack([bench.plain_visible(index) for index in lods])
-    sources = [tuple(mixture) for mixture in mixtures]
-    renders = found.judge, found.check, found.held_out
-    return Blend(levels, sources, *renders, rivals, plain, bench.left_out, bench.typical)
+def _blended(bench: Bench, which: int, index: int, level: int, shares: Shares) -> Image:
+    """(N, C): a blend of a level at the points of a probe."""
+    base, others = bench.parts(which, index, level)
+    out: Image = base.copy()
+    for k, channels in enumerate(MODELS[bench.problem.target].maps.values()):
+        for other, share in zip(others, shares[k * len(others) : (k + 1) * len(others)], strict=True):
+            if share:
+                out[..., channels] += share * (other[..., channels] - base[..., channels])
+    return material.regularise(out, bench.problem.target)
+
+
+def _mixture(bench: Bench, shares: Shares, safe: str, kept: float) -> dict[str, Array]:
+    """Names and (C,) shares of what a level is summed from: a blend, as much as is kept of it, and what is safe."""
+    layout, out = MODELS[bench.problem.target], dict[str, Array]()
+    if kept < 1:
+        out[safe] = np.full(layout.channels, 1 - kept)
+    if kept > 0:
+        count, own = len(bench.others), np.full(layout.channels, kept)
+        for k, name in enumerate(bench.others):
+            share = np.zeros(layout.channels)
+            for index, channels in enumerate(layout.maps.values()):
+                share[channels] = kept * shares[index * count + k]
+            if share.any():
+                out[name] = out.get(name, 0) + share
+                own -= share
+        out[bench.base] = out.get(bench.base, 0) + own
+    return out
+
+
+def _summed(bench: Bench, mixtures: Sequence[Mapping[str, Array]]) -> list[Image]:
+    """The levels of mixtures, one each."""
+    problem, target = bench.problem, bench.problem.target
+    names = dict.fromkeys(name for mixture in mixtures for name in mixture)
+    if bench.forms:
+        baked = bench.taken(name for name in names if name not in bench.forms)
+        return mixed(problem, bench.whole, bench.forms, baked, mixtures)
+    out = [np.zeros((*size, MODELS[target].channels), np.float32) for size in problem.sizes]
+    for name in names:
+        levels = bench.levels(name)
+        for level, mixture in enumerate(mixtures):
+            if name in mixture:
+                out[level] += levels[level] * mixture[name].astype(np.float32)
+    return directions.aligned([material.regularise(level, target) for level in out], target, problem.wrap)
+
+
+def _made(bench: Bench, mixtures: list[dict[str, Array]]) -> Blend:
+    lods = range(len(bench.check.lods))
+    return Blend(
+        _summed(bench, mixtures),
+        [tuple(mixture) for mixture in mixtures],
+        bench.judge,
+        bench.check,
+        bench.sets[HELD_OUT],
+        [bench.rivals(index) for index in lods],
+        np.stack([bench.plain_visible(index) for index in lods]),
+        bench.left_out,
+        bench.typical,
+    )

@@ -25,16 +25,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.baking.search.blending import Blend, judging_renders
-from mipbake.baking.search.ingredients import Rivals
+from mipbake.baking.search.blending import Blend
+from mipbake.baking.search.ingredients import CHECK, Rivals, renders
 from mipbake.base import memory
 from mipbake.base.checkpoints import DAMAGED, Make, lock_of, read_arrays, write_arrays
 from mipbake.base.publish import reason
 from mipbake.base.version import __version__
 from mipbake.quality.judging.judge import Baseline, Judge
 from mipbake.quality.judging.probes import ProbeEffort
-from mipbake.quality.judging.terms import TERMS
-from mipbake.quality.judging.weights import Weights
+from mipbake.quality.judging.terms import TERMS, Weights
 from mipbake.quality.reference.problem import Image, Problem
 
 _LOCK, _START, _REGION = "lock", "start.npz", "region-{}.npz"
@@ -201,7 +200,7 @@ class Checkpoint:
 def start_of(kept: Kept, problem: Problem, effort: ProbeEffort, judged_by: Weights, seed: int) -> Blend:
     """The start of a search. KeyError where something is missing."""
     arrays, about = kept.arrays, kept.about
-    check, held_out = judging_renders(problem, effort, seed)
+    check, held_out = renders(problem, effort, seed, CHECK)
     baselines = [
         Baseline({name: arrays[f"baseline {index} {name}"] for name in TERMS}, arrays.get(f"plain {index}"))
         for index in range(len(check.lods))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 from mipbake.baking.search.long_run import time_text
 from mipbake.baking.search.pixel_samples import samples_at
@@ -32,19 +31,6 @@ def cost_of_round(problem: Problem, timed: TimedRegion, effort: DescentEffort) -
         renders = pixels * renders_of_pixel(level, pixels, effort.pairs)
         total += renders * (1 + _SAMPLE * samples_at(level, effort.samples)) + _PICTURES
     return total
-
-
-@dataclass(frozen=True)
-class Ahead:
-    """What is ahead of a descent.
-
-    Args:
-        seconds: for all rounds of all regions. rounds: of level 0 that there is time for, the mean over its windows;
-            None without a limit of time.
-    """
-
-    seconds: float
-    rounds: float | None
 
 
 class Forecast:
@@ -93,45 +79,42 @@ class Forecast:
         if not self._taken or now - self._start < min(_SECONDS, _SHARE * self._seconds):
             return
         pace = self._taken / self._spent
-        if self._announced is not None and 1 / _OTHER < pace / self._announced < _OTHER:
-            return
-        self._note(self._sentence(self.ahead(todo, pace, now), pace))
-        self._announced = pace
+        if self._announced is None or not 1 / _OTHER < pace / self._announced < _OTHER:
+            self._note(self._sentence(todo, pace, now))
+            self._announced = pace
 
     def round_seconds(self, index: int) -> float:
         """How long a round of a region takes; 0 where nothing is known yet."""
         return self._costs[index] * self._taken / self._spent if self._spent else 0.0
 
-    def ahead(self, todo: Sequence[int], pace: float, now: float) -> Ahead:
+    def _sentence(self, todo: Sequence[int], pace: float, now: float) -> str:
         """What is ahead, where a unit of cost takes `pace` seconds."""
         regions = [(self._index, self._rounds - self._done), *((index, self._rounds) for index in todo)]
         total = sum((rounds + _BEGINNING) * self._costs[index] * pace for index, rounds in regions)
         total -= _BEGINNING * self._costs[self._index] * pace  # the region at work has begun
+        every = f"all {self._rounds} rounds of every level"
         if math.isinf(self._seconds):
-            return Ahead(total, None)
-        finest = [self._done if self._regions[self._index].region.levels.start == 0 else 0.0]
-        reached = []
-        left = max(0.0, self._end - now)
+            return (
+                f"{every} would take about {time_text(total)} from now: the search takes at most so long, and less "
+                "where nothing moves any more"
+            )
+        reached = self._reached(regions, pace, now)
+        if reached > self._rounds - 1:
+            return f"the budget reaches {every}, which take at most about {time_text(total)} from now"
+        whole = time_text(self._start - self._began + (self._rounds + _BEGINNING) * sum(self._todo) * pace)
+        reach = f"about {reached:.0f} of {self._rounds} rounds" if reached >= 0.5 else "no rounds"
+        return f"the budget reaches {reach} of level 0: {every} would take a budget of about {whole}"
+
+    def _reached(self, regions: Sequence[tuple[int, int]], pace: float, now: float) -> float:
+        """Rounds of level 0 that there is time for, the mean over its windows, of what is left of each region."""
+        reached, left = [], max(0.0, self._end - now)
         for turn, (index, rounds) in enumerate(regions):
-            rest = sum(self._regions[each].share for each, _ in regions[turn:])
             one = self._costs[index] * pace
-            given = left * self._regions[index].share / rest if turn else max(0.0, self._until - now)
+            share = self._regions[index].share / sum(self._regions[each].share for each, _ in regions[turn:])
+            given = left * share if turn else max(0.0, self._until - now)
             before = _BEGINNING if turn else 0.0
             count = 0.0 if turn and given <= FEWEST * one else min(float(rounds), max(0.0, given / one - before))
             left -= (count + before) * one if count else 0.0
             if self._regions[index].region.levels.start == 0:
-                reached.append(count + (finest[0] if turn == 0 else 0.0))
-        return Ahead(total, sum(reached) / max(1, len(reached)))
-
-    def _sentence(self, ahead: Ahead, pace: float) -> str:
-        every = f"all {self._rounds} rounds of every level"
-        if ahead.rounds is None:
-            return (
-                f"{every} would take about {time_text(ahead.seconds)} from now: the search takes at most so long, "
-                "and less where nothing moves any more"
-            )
-        if ahead.rounds > self._rounds - 1:
-            return f"the budget reaches {every}, which take at most about {time_text(ahead.seconds)} from now"
-        whole = time_text(self._start - self._began + (self._rounds + _BEGINNING) * sum(self._todo) * pace)
-        reach = f"about {ahead.rounds:.0f} of {self._rounds} rounds" if ahead.rounds >= 0.5 else "no rounds"
-        return f"the budget reaches {reach} of level 0: {every} would take a budget of about {whole}"
+                reached.append(count + (0 if turn else self._done))
+        return sum(reached) / max(1, len(reached))

@@ -3,26 +3,20 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
 from mipbake.base.errors import UsageError
 
 Stop = Callable[[], bool]
-"""Is asked, many times a second, whether a search shall end with the best that it has."""
+"""Is called many times a second; where it says True, a search ends with the best that it has."""
 
 
 def never() -> bool:
     """The `Stop` of a search that nobody stops."""
     return False
-
-
-@contextmanager
-def unstopped() -> Iterator[Stop]:
-    """A descent that nobody stops."""
-    yield never
 
 
 @dataclass(frozen=True)
@@ -36,7 +30,7 @@ class LongRun:
     """
 
     checkpoint: Path | None = None
-    descending: Callable[[], AbstractContextManager[Stop]] = unstopped
+    descending: Callable[[], AbstractContextManager[Stop]] = lambda: nullcontext(never)
     note: Callable[[str], None] = lambda _: None
 
 
@@ -46,11 +40,8 @@ NOT_KEPT = LongRun()
 
 def time_text(seconds: float) -> str:
     """A time for people, in two digits: `45 s`, `12 min`, `1.5 h`, `14 h`."""
-    for size, unit in ((3600.0, "h"), (60.0, "min"), (1.0, "s")):
-        count = float(f"{max(seconds, 0.0) / size:.2g}")
-        if count >= 1 or unit == "s":
-            return f"{count:g} {unit}"
-    raise AssertionError("a time has at least seconds")
+    hours, minutes, whole = (float(f"{max(seconds, 0.0) / size:.2g}") for size in (3600, 60, 1))
+    return f"{hours:g} h" if hours >= 1 else f"{minutes:g} min" if minutes >= 1 else f"{whole:g} s"
 
 
 BEST = "best"

@@ -1,4 +1,4 @@
-"""`auto`, `refine` and `optimum`: three short lists of stages.
+"""`auto`, `refine` and `optimum`: three plans of one search.
 
 All gather ingredients and make levels of them. `auto` and `refine` start from the best blend, which costs seconds and
 is better than any of its ingredients. From there texels are optimised one by one (texel_descent.py), held by what the
@@ -16,9 +16,7 @@ from __future__ import annotations
 import hashlib
 import math
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import closing, nullcontext
 
 import numpy as np
 
@@ -28,7 +26,7 @@ from mipbake.baking.search.blending import best, blend
 from mipbake.baking.search.checkpoint import Checkpoint
 from mipbake.baking.search.ingredients import Ingredient, closed_forms, ingredient
 from mipbake.baking.search.long_run import NOT_KEPT, LongRun, seconds_of
-from mipbake.baking.search.stages import Clock, Descend, Gather, Keep, Make, Search, Stage, Work, resumed
+from mipbake.baking.search.stages import Plan, Search
 from mipbake.baking.search.texel_descent import DescentEffort
 from mipbake.base import memory
 from mipbake.base.device import PROCESSOR
@@ -36,14 +34,9 @@ from mipbake.base.errors import UsageError
 from mipbake.base.threads import one_blas_thread
 from mipbake.material.aim import DEFAULT_AIM, DEFAULT_SAMPLER, Sampler, checked_aim
 from mipbake.material.pixel_filter import Wrap, filter_named
-from mipbake.quality.judging.pairs import SET_SIZE
 from mipbake.quality.judging.probes import ProbeEffort
-from mipbake.quality.judging.scores import DECIBEL
-from mipbake.quality.judging.terms import Array, standard_error
-from mipbake.quality.judging.weights import SINGLE_LIGHTS, Weights, weights_for
-from mipbake.quality.metrics.pairs import PAIR_SETS
+from mipbake.quality.judging.terms import SINGLE_LIGHTS, Weights, weights_for
 from mipbake.quality.reference.problem import Image, Problem
-from mipbake.stack.promise import Measured, MeasuredBetween, MeasuredLevel
 
 REFINE_SECONDS = 120.0
 """Budget of `refine` where none is given."""
@@ -61,16 +54,8 @@ _TRUST = 12.0
 _FIRST = 16  # texels a side of the first call of a network
 
 
-@dataclass(frozen=True)
-class Step:
-    """A stage, and its share of the progress."""
-
-    stage: Stage
-    share: float
-
-
 class Searching:
-    """A method that is a list of stages.
+    """A method that searches.
 
     Args:
         weights: trained weights by name; None for the default ones, and without a network where there are none.
@@ -117,8 +102,8 @@ class Searching:
         self._descent, self._device, self._long_run = descent, device, long_run
 
     @property
-    def steps(self) -> Sequence[Step]:
-        """The stages."""
+    def plan(self) -> Plan:
+        """What it does."""
         raise NotImplementedError
 
     @property
@@ -130,66 +115,48 @@ class Searching:
         self, stored: Image, source: str, target: str, pixel_filter: str, wrap: Wrap, progress: Progress
     ) -> PrefilterResult:
         """See Prefilter. UsageError where named weights do not fit the target or the pixel filter."""
-        clock = Clock(time.monotonic(), math.inf if self.seconds is None else self.seconds)
+        began = time.monotonic()
         filter_named(pixel_filter)
         problem = Problem(stored, source, target, pixel_filter, wrap, self.sampler)
-        ingredients = [*closed_forms(problem), *(self.networks(problem) if self.learned else ())]
+        ingredients = [*closed_forms(problem), *(self._networks(problem) if self.learned else ())]
         long_run = self._long_run if self.long else NOT_KEPT
-        with self._checkpoint(problem, long_run) as checkpoint:
-            work = Work(problem, ingredients, self._seed, clock, progress, self._judged_by, long_run, checkpoint)
-            search, found = self._searched(work, progress)
+        checkpoint = self._checkpoint(problem, long_run)
+        seconds = math.inf if self.seconds is None else self.seconds
+        search = Search(
+            problem, self._effort, self._judged_by, self._seed, progress, long_run, checkpoint, seconds, began
+        )
+        with one_blas_thread(), nullcontext() if checkpoint is None else closing(checkpoint):
+            search.begin(ingredients, self.plan)
+            search.descend(self.plan)
+            search.keep()
+            measured = search.measured()
         progress(1.0)
-        taken = any(self._neural.name in sources for sources in search.blend.sources)
+        taken = any(self._neural.name in sources for sources in search.start.sources)
         info = self._neural.weights(target, pixel_filter, source) if taken else None
         sampler, aim = (self.sampler, self.aim) if self.aims else (None, None)
-        return PrefilterResult(
-            search.levels,
-            info.name if info else None,
-            info.sha256 if info else None,
-            found,
-            sampler,
-            aim,
-            search.stopped,
-        )
+        name, sha256 = (info.name, info.sha256) if info else (None, None)
+        return PrefilterResult(search.levels, name, sha256, measured, sampler, aim, search.stopped)
 
-    @one_blas_thread()
-    def _searched(self, work: Work, progress: Progress) -> tuple[Search, Measured]:
-        """All stages, and what was measured of the result."""
-        done, search = 0.0, resumed(work, self._effort)
-        for step in self.steps:
-            search = step.stage(search, lambda share, done=done, step=step: progress(done + share * step.share))  # type: ignore[misc]
-            done += step.share
-        return search, measured(search)
-
-    @contextmanager
-    def _checkpoint(self, problem: Problem, long_run: LongRun) -> Iterator[Checkpoint | None]:
+    def _checkpoint(self, problem: Problem, long_run: LongRun) -> Checkpoint | None:
         """What the search is kept in, and resumed from; None for nothing."""
         if long_run.checkpoint is None:
-            yield None
-            return
+            return None
+        try:
+            weights = self._neural.weights(problem.target, problem.pixel_filter, problem.source).sha256
+        except UsageError:  # a search without a network
+            weights = ""
         options = (
             *(self.name, problem.target, problem.pixel_filter, problem.sampler, self.aim, self._seed, self._device),
-            *(self._effort, self._judged_by, [step.stage for step in self.steps if isinstance(step.stage, Descend)]),
+            *(self._effort, self._judged_by, self.plan.effort, self.plan.fine, self.plan.trust, self.plan.coarse),
         )
         of = {
             "source": _hash(problem.source, problem.wrap, problem.stored),
             "options": _hash(options),
-            "weights": _hash(self._weights_hash(problem)),
+            "weights": _hash(weights),
         }
-        made = Checkpoint(long_run.checkpoint, of, self.seconds is not None, long_run.note)
-        try:
-            yield made
-        finally:
-            made.close()
+        return Checkpoint(long_run.checkpoint, of, self.seconds is not None, long_run.note)
 
-    def _weights_hash(self, problem: Problem) -> str:
-        """The weights that may take part; "" for none."""
-        try:
-            return self._neural.weights(problem.target, problem.pixel_filter, problem.source).sha256
-        except UsageError:
-            return ""
-
-    def networks(self, problem: Problem) -> list[Ingredient]:
+    def _networks(self, problem: Problem) -> list[Ingredient]:
         """The network, where there are weights for it."""
         try:
             self._neural.weights(problem.target, problem.pixel_filter, problem.source)
@@ -204,36 +171,6 @@ class Searching:
         return [learned]
 
 
-def measured(search: Search) -> Measured:
-    """What held-out renders say of every level, and halfway between levels."""
-    start, sets = search.blend, list(PAIR_SETS)
-    found = start.held_out.of_stack(search.levels)
-    levels, between = [], []
-    for lod, score, rivals in zip(start.held_out.lods, found, start.rivals, strict=True):
-        rows, others = score.log_errors, rivals.log_errors
-
-        def by_set(values: Array) -> dict[str, float]:
-            return {name: round(float(value), 4) for name, value in zip(sets, values, strict=True)}
-
-        figures = {
-            "snr": by_set(-DECIBEL * rows.mean(1)),
-            "standard_error": by_set(DECIBEL * standard_error(rows)),
-            "best_closed_form_snr": by_set(-DECIBEL * others.mean(1)),
-            "gain_error": by_set(DECIBEL * standard_error(rows - others)),
-        }
-        best = dict(zip(sets, rivals.names, strict=True))
-        if lod == int(lod):
-            level = int(lod)
-            sources, kept = start.sources[level], search.kept[level]
-            levels.append(MeasuredLevel(best_closed_form=best, level=level, sources=sources, refined=kept, **figures))
-        else:
-            between.append(MeasuredBetween(best_closed_form=best, lod=lod, **figures))
-    effort = start.held_out.effort
-    pairs, points = effort.groups * SET_SIZE, effort.groups * effort.points
-    visible = np.exp(np.mean([score.visible.mean(-1) for score in found] - start.plain))
-    return Measured(tuple(levels), pairs, points, start.left_out, tuple(between), round(float(visible), 4))
-
-
 def _hash(*content: object) -> str:
     """Of arrays by their values, of anything else by what Python says of it."""
     made = hashlib.sha256()
@@ -246,30 +183,20 @@ def _hash(*content: object) -> str:
     return made.hexdigest()
 
 
-def _refining(effort: ProbeEffort, descent: DescentEffort | None) -> Sequence[Step]:
-    """The stages where all levels are refined; `descent` as a method was given it."""
-    return (
-        Step(Gather(effort), 0.1),
-        Step(Make(blend), 0.0),
-        Step(Descend(descent or REFINING, True, _TRUST), 0.9),
-        Step(Keep(), 0.0),
-    )
-
-
 class Refine(Searching):
     """Every texel optimised, from the best blend that `auto` finds."""
 
     name = "refine"
     summary = f"auto, then every texel optimised within --budget ({REFINE_SECONDS / 60:g}m)"
-    usual_seconds = REFINE_SECONDS
+    usual_seconds: float | None = REFINE_SECONDS
 
     @property
-    def steps(self) -> Sequence[Step]:
-        """The stages."""
-        return _refining(self._effort, self._descent)
+    def plan(self) -> Plan:
+        """See Searching."""
+        return Plan(blend, self._descent or REFINING, trust=_TRUST)
 
 
-class Auto(Searching):
+class Auto(Refine):
     """The best blend of a network and closed forms, with coarse levels optimised; with a budget, as `refine`."""
 
     name = "auto"
@@ -277,6 +204,7 @@ class Auto(Searching):
         "the best blend of neural and four closed forms, held by measurement against all that look fine, coarse levels "
         "optimised (several times as long as neural)"
     )
+    usual_seconds = None
 
     @property
     def long(self) -> bool:
@@ -284,16 +212,11 @@ class Auto(Searching):
         return self.budgeted
 
     @property
-    def steps(self) -> Sequence[Step]:
-        """The stages."""
+    def plan(self) -> Plan:
+        """See Searching."""
         if self.long:
-            return _refining(self._effort, self._descent)
-        return (
-            Step(Gather(self._effort), 0.5),
-            Step(Make(blend), 0.0),
-            Step(Descend(self._descent or COARSE, False, _TRUST), 0.5),
-            Step(Keep(), 0.0),
-        )
+            return super().plan
+        return Plan(blend, self._descent or COARSE, fine=False, trust=_TRUST, gathering=0.5)
 
 
 class Optimum(Searching):
@@ -310,18 +233,12 @@ class Optimum(Searching):
         seed: int = 0,
         effort: ProbeEffort = EFFORT,
         descent: DescentEffort | None = None,
-        judged_by: Weights | None = None,
+        judged_by: Weights = SINGLE_LIGHTS,
         long_run: LongRun = NOT_KEPT,
     ) -> None:
-        judged_by = judged_by or SINGLE_LIGHTS
         super().__init__(None, budget, seed, effort, descent, judged_by, long_run=long_run)
 
     @property
-    def steps(self) -> Sequence[Step]:
-        """The stages."""
-        return (
-            Step(Gather(self._effort), 0.1),
-            Step(Make(best), 0.0),
-            Step(Descend(self._descent or OPTIMISING, True, 0.0), 0.9),
-            Step(Keep(), 0.0),
-        )
+    def plan(self) -> Plan:
+        """See Searching."""
+        return Plan(best, self._descent or OPTIMISING)

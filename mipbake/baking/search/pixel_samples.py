@@ -32,8 +32,6 @@ _MOST_SAMPLES = 128  # of a pixel
 _SHIFTS, _DIMENSIONS = 7919, 6  # of the sequences that pairs of pixels follow; the first is a seed
 _GOLDEN = 1.1127756842787055  # the root of x^7 = x + 1: the additive recurrence in six dimensions (Roberts 2018)
 _STEPS = _GOLDEN ** -np.arange(1.0, _DIMENSIONS + 1)
-# Lobes that pairs are drawn from, so that tails are seen and densities stay finite.
-_WIDER, _LEAST_ALPHA = 1.2, 0.004
 
 PLAIN = MODELS["gltf"]
 """The model of materials that only steer the search: where half vectors are drawn, and how bright a pair is about. It
@@ -104,7 +102,7 @@ class Lobes:
         columns = np.clip((uv[:, 0] % 1 * width).astype(np.int64), 0, width - 1)
         stored = texels[rows, columns]
         (roughness,) = PLAIN.of(Kind.ROUGHNESS)
-        alpha = np.clip(_WIDER * np.square(stored[:, roughness]), _LEAST_ALPHA, 1)
+        alpha = np.clip(around.WIDER * np.square(stored[:, roughness]), around.LEAST_ALPHA, 1)
         return np.concatenate([stored[:, PLAIN.normal], alpha], -1)
 
 

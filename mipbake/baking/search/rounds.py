@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import sampling
-from mipbake.baking.search.crops import Crop
 from mipbake.baking.search.gauss_newton import System, signs
 from mipbake.baking.search.pair_weights import PairWeights
 from mipbake.baking.search.picture_samples import PictureChunk, picture_slopes
 from mipbake.baking.search.pixel_samples import Chunk, in_every_frame
+from mipbake.baking.search.regions import Crop
 from mipbake.baking.search.texel_coordinates import limits, per_coordinate, units, without_heights
 from mipbake.quality.reference.problem import Image
 from mipbake.quality.samplers import in_frames, mean_of_frames
@@ -25,18 +25,6 @@ _MEMORY, _MOST_MEMORY = 0.5, 30.0  # rounds of curvature that hold texels: grows
 _RECENT = 3.0  # in the average over rounds, the last round counts (_RECENT + 1) / (_RECENT + rounds)
 _DAMPING = 0.02  # in units of a texel's own curvature
 _STRIDE = 2  # one in so many pairs takes part in curvature after the first round
-
-
-@dataclass
-class Held:
-    """What rounds leave to the next about the texels of a level.
-
-    Args:
-        curvature: (h, w, P, P) of past rounds. mean: (h, w, P) over rounds. None before the first round.
-    """
-
-    curvature: Image | None = None
-    mean: Image | None = None
 
 
 class Lookups:
@@ -127,7 +115,6 @@ Pause = Callable[[], None]
 
 def work(
     free: dict[int, Crop],
-    helds: dict[int, Held],
     drawn: Drawn,
     steps: int,
     trust: float,
@@ -138,16 +125,19 @@ def work(
     """One round on its chunks: curvature where the texels are, then steps.
 
     Args:
-        free: crops whose texels move. helds: what past rounds left of them.
+        free: crops whose texels move.
         steps, trust: as a descent has them. turn: how many rounds there were before.
     """
     model = next(iter(free.values())).model
     texels = drawn.lookups.texels()
     curvature = _curvature(model, free, drawn, texels, turn, rng, pause)
-    for i, held in helds.items():
-        if held.curvature is None and trust:
-            held.curvature, held.mean = _MEMORY * trust * curvature[i], free[i].coordinates
-    systems = {i: _system(crop, curvature[i], helds[i].curvature) for i, crop in free.items()}
+    systems = {}
+    for i, crop in free.items():
+        if crop.held is None and trust:
+            crop.held, crop.mean = _MEMORY * trust * curvature[i], crop.coordinates
+        start, before = _flat(crop.coordinates), None if crop.held is None else _flat(crop.held)
+        unit, ends = units(start, model), limits(start, model)
+        systems[i] = System(start, _flat(curvature[i]), before, unit, ends, _DAMPING)
     for step in range(steps):
         rows = gradients_of(model, drawn, drawn.lookups.texels() if step else texels, pause)
         for i, crop in free.items():
@@ -158,11 +148,11 @@ def work(
                 crop.move(systems[i].stepped(here, slope).reshape(crop.coordinates.shape))
     age = turn + trust
     memory = 1 - 1 / min(1 + _MEMORY * age, _MOST_MEMORY)
-    for i, held in helds.items():
-        held.curvature = memory * (curvature[i] if held.curvature is None else held.curvature + curvature[i])
-        here = free[i].coordinates
-        weight = (_RECENT + 1) / (_RECENT + age + 1)
-        held.mean = here if held.mean is None else held.mean + weight * (here - held.mean)
+    weight = (_RECENT + 1) / (_RECENT + age + 1)
+    for i, crop in free.items():
+        here = crop.coordinates
+        crop.held = memory * (curvature[i] if crop.held is None else crop.held + curvature[i])
+        crop.mean = here if crop.mean is None else crop.mean + weight * (here - crop.mean)
 
 
 def gradients_of(model: str, drawn: Drawn, texels: Sequence[Image], pause: Pause) -> list[NDArray[np.float32]]:
@@ -247,11 +237,3 @@ def _packed(rows: Image) -> Image:
 def _flat(values: Image) -> Image:
     """(h w, ...) of (h, w, ...)."""
     return values.reshape(-1, *values.shape[2:])
-
-
-def _system(crop: Crop, own: Image, held: Image | None) -> System:
-    """The equations of the texels of a crop, of (h, w, P, P) curvatures."""
-    start = _flat(crop.coordinates)
-    before = None if held is None else _flat(held)
-    unit, ends = units(start, crop.model), limits(start, crop.model)
-    return System(start, _flat(own), before, unit, ends, _DAMPING)

@@ -1,35 +1,34 @@
-"""The stages of a search: each takes a search as far as it has come, and gives it back farther.
-
-Ingredients are gathered; levels are made of them; texels are optimised, with what the levels are known to be worth to
-hold them; and of that is kept what renders that nothing was fitted to confirm.
-"""
+"""A search, and its stages: ingredients are gathered and a stack is made of them; its texels are optimised, held by
+what the stack is known to be worth; and of that is kept what renders that nothing was fitted to confirm."""
 
 from __future__ import annotations
 
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
 
 from mipbake.baking.prefilter import Progress, say
-from mipbake.baking.search.blending import Blend, Gathered, between, confirmed, gathered
+from mipbake.baking.search.blending import Blend, between, confirmed
 from mipbake.baking.search.checkpoint import Checkpoint, Windows, start_of
 from mipbake.baking.search.forecast import FEWEST, Forecast
-from mipbake.baking.search.ingredients import Ingredient
+from mipbake.baking.search.ingredients import Bench, Ingredient
 from mipbake.baking.search.long_run import NOT_KEPT, LongRun, time_text
-from mipbake.baking.search.regions import COARSE, TimedRegion, timed_regions, window
+from mipbake.baking.search.regions import COARSE, timed_regions, window
 from mipbake.baking.search.texel_descent import Descent, DescentEffort, descend
 from mipbake.base import memory
 from mipbake.material import directions
 from mipbake.quality.judging.judge import Baseline, Judge
+from mipbake.quality.judging.pairs import SET_SIZE
 from mipbake.quality.judging.probes import ProbeEffort
-from mipbake.quality.judging.scores import Score
-from mipbake.quality.judging.terms import TERMS, Array, Term
-from mipbake.quality.judging.weights import Weights
+from mipbake.quality.judging.scores import DECIBEL, Score
+from mipbake.quality.judging.terms import TERMS, Array, Term, Weights, standard_error
+from mipbake.quality.metrics.pairs import PAIR_SETS
 from mipbake.quality.reference.problem import Image, Problem
+from mipbake.stack.promise import Measured, MeasuredBetween, MeasuredLevel
 
 # Most of the time that ingredients take; in a large set, an ingredient that takes longer is left out.
 _BAKING = 0.75
@@ -38,273 +37,224 @@ _SOLVED_DB = 60.0  # SNR from which a level is left alone: its error is far belo
 
 
 @dataclass(frozen=True)
-class Clock:
-    """When a search began, and how long it may take; infinite for no limit."""
-
-    began: float
-    seconds: float
-
-    @property
-    def timed(self) -> bool:
-        """Whether there is a limit."""
-        return not math.isinf(self.seconds)
-
-    def until(self, share: float) -> float:
-        """time.monotonic() at which a share of the time is over."""
-        return self.began + share * self.seconds
-
-
-@dataclass(frozen=True)
-class Work:
-    """What a search is for.
+class Plan:
+    """What a method does.
 
     Args:
-        ingredients: the ingredients.
-        seed: of all that is drawn.
-        progress: takes the finished share of all stages, and notes.
-        judged_by: what errors count.
-        long_run: who may stop a descent, and what takes notes of it.
-        checkpoint: what the search is kept in; None for nothing.
+        start: makes the stack that texels are optimised from: `blending.blend` or `blending.best`.
+        effort: of the descent on each region.
+        fine: whether levels of more than `coarse` texels a side take part in it.
+        trust: rounds that the start is worth: it holds texels as so many past rounds would.
+        gathering: share of the work that ingredients are, for progress.
     """
 
-    problem: Problem
-    ingredients: Sequence[Ingredient]
-    seed: int
-    clock: Clock
-    progress: Progress
-    judged_by: Weights
-    long_run: LongRun = NOT_KEPT
-    checkpoint: Checkpoint | None = None
+    start: Callable[[Bench], Blend]
+    effort: DescentEffort
+    fine: bool = True
+    trust: float = 0.0
+    gathering: float = 0.1
+    coarse: int = COARSE
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Search:
-    """A search as far as it has come.
+    """A search: what it is for, and how far it has come.
 
     Args:
-        gathered: the ingredients. start: a stack made of them. levels: what became of it.
-        before: what the judge's renders say of the start. kept: how much of each level's change was kept.
+        effort: of the renders that judge. judged_by: what errors count. seed: of all that is drawn.
+        progress: takes the finished share of the work, and notes.
+        long_run: who may stop a descent, and what takes notes of it. checkpoint: what it is kept in; None for nothing.
+        seconds: that it may take; infinite for no limit. began: time.monotonic() when it began.
+        start: a stack made of the ingredients. before: what the judge's renders say of it.
+        levels: what became of it. kept: how much of each level's change was kept.
         done: regions that an earlier run of the program has optimised, by their indices.
         stopped: whether somebody stopped it before it was done.
     """
 
-    work: Work
-    gathered: Gathered | None = None
-    start: Blend | None = None
-    before: list[Score] = field(default_factory=list)
-    levels: list[Image] = field(default_factory=list)
-    kept: list[float] = field(default_factory=list)
+    problem: Problem
+    effort: ProbeEffort
+    judged_by: Weights
+    seed: int = 0
+    progress: Progress = lambda _: None
+    long_run: LongRun = NOT_KEPT
+    checkpoint: Checkpoint | None = None
+    seconds: float = math.inf
+    began: float = field(default_factory=time.monotonic)
+    start: Blend = field(init=False)
+    before: list[Score] = field(init=False)
+    levels: list[Image] = field(init=False)
+    kept: list[float] = field(init=False)
     done: frozenset[int] = frozenset()
     stopped: bool = False
 
-    @property
-    def blend(self) -> Blend:
-        """The start, which a stage before must have made."""
-        if self.start is None:
-            raise AssertionError("no stage has made a stack yet")
-        return self.start
+    def begin(self, ingredients: Sequence[Ingredient], plan: Plan) -> None:
+        """Goes on from the checkpoint; without one, looks the ingredients up and makes a stack of them."""
+        found = None if self.checkpoint is None else self.checkpoint.load()
+        if self.checkpoint is None or found is None:
+            self._begin_with(self._made(ingredients, plan))
+            return
+        spent = time_text(found.seconds) + ("" if math.isinf(self.seconds) else f" of {time_text(self.seconds)}")
+        self.long_run.note(f"going on from the checkpoint {self.checkpoint.path}, after {spent}")
+        self._begin_with(start_of(found, self.problem, self.effort, self.judged_by, self.seed))
+        self.levels, self.done = found.levels, found.done
+        self.began -= found.seconds
 
-    @property
-    def ingredients(self) -> Gathered:
-        """The ingredients, which a stage before must have gathered."""
-        if self.gathered is None:
-            raise AssertionError("no stage has gathered ingredients yet")
-        return self.gathered
-
-
-Stage = Callable[[Search, Progress], Search]
-"""Takes a search farther, and a progress of its own, from 0 to 1, beside the search's."""
-
-
-@dataclass(frozen=True)
-class Gather:
-    """Bakes the ingredients, and looks them up in renders."""
-
-    effort: ProbeEffort
-
-    def __call__(self, search: Search, progress: Progress) -> Search:
-        """See Stage. A search that goes on has a start already."""
-        if search.start is not None:
-            return search
-        work = search.work
-        deadline = work.clock.until(_BAKING)
-        found = gathered(work.problem, work.ingredients, self.effort, work.judged_by, work.seed, progress, deadline)
-        ready = found.bench.pressing
-        if ready is not None:
-            enough = time_text((ready - work.clock.began) / _BAKING)
-            work.long_run.note(
+    def _made(self, ingredients: Sequence[Ingredient], plan: Plan) -> Blend:
+        """A stack made of ingredients, whose lookups, hundreds of megabytes, nothing after this needs."""
+        bench = Bench(
+            self.problem,
+            ingredients,
+            self.effort,
+            self.judged_by,
+            self.seed,
+            lambda share: self.progress(plan.gathering * share),
+            self.began + _BAKING * self.seconds,
+        )
+        if bench.pressing is not None:
+            enough = time_text((bench.pressing - self.began) / _BAKING)
+            self.long_run.note(
                 "the budget is too short to measure and to blend all ingredients, so some take no part: a budget of "
                 f"about {enough} would do"
             )
-        return replace(search, gathered=found)
+        return plan.start(bench)
 
+    def _begin_with(self, start: Blend) -> None:
+        self.start, self.before = start, start.check.of_stack(start.levels)
+        self.levels, self.kept = start.levels, [0.0] * len(start.levels)
 
-@dataclass(frozen=True)
-class Make:
-    """Levels made of the ingredients, by `blending.blend` or `blending.best`."""
+    def descend(self, plan: Plan) -> None:
+        """Optimises texels, from the coarsest levels on (texel_descent.py), until the time is over.
 
-    way: Callable[[Gathered], Blend]
-
-    def __call__(self, search: Search, progress: Progress) -> Search:
-        """See Stage. A search that goes on has a start already."""
-        if search.start is not None:
-            return search
-        start = self.way(search.ingredients)
-        before = start.check.of_stack(start.levels)
-        progress(1.0)
-        # Nothing after this needs ingredients, whose lookups are hundreds of megabytes.
-        return replace(search, gathered=None, start=start, before=before, levels=start.levels, kept=_none(start))
-
-
-@dataclass(frozen=True)
-class Descend:
-    """Texels optimised from the coarsest levels on (texel_descent.py), until the time is over.
-
-    Each region has a share of the time. Where a region would get so little that a round or two is all, its levels stay
-    as they are, and the other regions have its time.
-
-    Args:
-        effort: on a region.
-        fine: whether levels of more than `coarse` texels a side take part.
-        trust: rounds that the start is worth: it holds texels as so many past rounds would.
-    """
-
-    effort: DescentEffort
-    fine: bool
-    trust: float
-    coarse: int = COARSE
-
-    def __call__(self, search: Search, progress: Progress) -> Search:
-        """See Stage."""
-        work, start = search.work, search.blend
-        problem, last = work.problem, work.problem.last
-        worst = np.array([score.decibels.min() for score in search.before])
+        Each region has a share of the time. Where a region would get so little that a round or two is all, its levels
+        stay as they are, and the other regions have its time.
+        """
+        problem, start, last = self.problem, self.start, self.problem.last
+        timed = not math.isinf(self.seconds)
+        worst = np.array([score.decibels.min() for score in self.before])
         moving = [bool((worst[max(0, 2 * i - 1) : 2 * i + 2] < _SOLVED_DB).any()) for i in range(last + 1)]
-        every = list(timed_regions(problem, self.effort.window, self.fine, self.coarse))
-        todo = [index for index, timed in enumerate(every) if any(moving[i] for i in timed.region.levels)]
+        every = list(timed_regions(problem, plan.effort.window, plan.fine, plan.coarse))
+        todo = [index for index, each in enumerate(every) if any(moving[i] for i in each.region.levels)]
         moved = {i for index in todo for i in every[index].region.levels}
-        levels = [
+        self.levels = [
             memory.copied(level) if i in moved and level is start.levels[i] else level
-            for i, level in enumerate(search.levels)
+            for i, level in enumerate(self.levels)
         ]
-        descent = Descent(problem, moving, self.effort, self.trust, work.judged_by, start.typical)
-        end = work.clock.until(1.0)
-        if work.clock.timed:
+        descent = Descent(problem, moving, plan.effort, plan.trust, self.judged_by, start.typical)
+        end = self.began + self.seconds
+        if timed:
             end -= _CHECKING * max(0.0, end - time.monotonic())
-        total, stopped = sum(every[index].share for index in todo), False
-        ahead = [index for index in todo if index not in search.done]
-        forecast = Forecast(
-            problem, self.effort, every, ahead, work.clock.began, work.clock.seconds, end, work.long_run.note
-        )
-        done: dict[int, Windows] = {}
-        seconds = time.monotonic() - work.clock.began
+        ahead = [index for index in todo if index not in self.done]
+        forecast = Forecast(problem, plan.effort, every, ahead, self.began, self.seconds, end, self.long_run.note)
+        total, done, seconds = sum(every[index].share for index in todo), dict[int, Windows](), self._spent
 
         def keep(now: bool = False) -> None:
-            if work.checkpoint is not None:
-                work.checkpoint.keep(start, levels, done, seconds, now)
+            if self.checkpoint is not None:
+                self.checkpoint.keep(start, self.levels, done, seconds, now)
 
-        with work.long_run.descending() as stop:
+        with self.long_run.descending() as stop:
             if ahead:
                 keep()
             for turn, index in enumerate(todo):
-                if index in search.done:
+                if index in self.done:
                     continue
-                stopped = stop()
-                if stopped:
+                self.stopped = stop()
+                if self.stopped:
                     break
-                timed, now = every[index], time.monotonic()
-                after = [each for each in todo[turn + 1 :] if each not in search.done]
-                share = max(0.0, end - now) * timed.share / sum(every[each].share for each in (index, *after))
-                until = now + share if work.clock.timed else math.inf
-                if work.clock.timed and share <= FEWEST * forecast.round_seconds(index):
+                here, now = every[index], time.monotonic()
+                after = [each for each in todo[turn + 1 :] if each not in self.done]
+                share = max(0.0, end - now) * here.share / sum(every[each].share for each in (index, *after))
+                until = now + share if timed else math.inf
+                if timed and share <= FEWEST * forecast.round_seconds(index):
                     continue
-                passed = sum(every[each].share for each in todo[:turn]) / total
-                shown = _RegionProgress(progress, work.progress, timed, passed, total, last)
-                rng = np.random.default_rng([work.seed, 3, turn])
-                worked = partial(forecast.worked, todo=after)
+                passed, levels = sum(every[each].share for each in todo[:turn]) / total, here.region.levels
+                place = f"level {levels.start}" + (f" to {last}" if levels.stop > last else "")
                 forecast.begun(index, until)
-                _, stopped = descend(descent, levels, timed.region, rng, until, shown, stop, worked)
-                if stopped:
+                _, self.stopped = descend(
+                    descent,
+                    self.levels,
+                    here.region,
+                    np.random.default_rng([self.seed, 3, turn]),
+                    until,
+                    partial(self._progress_of_descent, plan, passed, here.share / total),
+                    partial(self._note_of_descent, place),
+                    stop,
+                    partial(forecast.worked, todo=after),
+                )
+                if self.stopped:
                     break
-                done[index] = {level: window(timed.region, problem.sizes[level]) for level in timed.region.levels}
-                seconds = time.monotonic() - work.clock.began
+                done[index] = {level: window(here.region, problem.sizes[level]) for level in levels}
+                seconds = self._spent
                 keep()
-        if stopped:
+        if self.stopped:
             keep(now=True)
-        return replace(search, levels=levels, stopped=stopped)
 
+    @property
+    def _spent(self) -> float:
+        """Seconds since it began, in all runs of the program."""
+        return time.monotonic() - self.began
 
-def resumed(work: Work, effort: ProbeEffort) -> Search:
-    """A search from where its checkpoint has it, or from the beginning.
+    def _progress_of_descent(self, plan: Plan, passed: float, part: float, share: float) -> None:
+        self.progress(plan.gathering + (1 - plan.gathering) * min(0.99, passed + share * part))
 
-    Args:
-        effort: of the renders that judge, as `Gather` has it.
-    """
-    kept = None if work.checkpoint is None else work.checkpoint.load()
-    if work.checkpoint is None or kept is None:
-        return Search(work)
-    spent = time_text(kept.seconds) + (f" of {time_text(work.clock.seconds)}" if work.clock.timed else "")
-    work.long_run.note(f"going on from the checkpoint {work.checkpoint.path}, after {spent}")
-    start = start_of(kept, work.problem, effort, work.judged_by, work.seed)
-    before = start.check.of_stack(start.levels)
-    work = replace(work, clock=replace(work.clock, began=work.clock.began - kept.seconds))
-    return Search(work, None, start, before, kept.levels, _none(start), kept.done)
+    def _note_of_descent(self, place: str, text: str) -> None:
+        say(self.progress, f"{place}: {text}")
 
-
-def _none(start: Blend) -> list[float]:
-    """That nothing is kept of any change."""
-    return [0.0] * len(start.levels)
-
-
-@dataclass(frozen=True)
-class _RegionProgress:
-    """Progress and notes of the descent in a region, as the search's."""
-
-    stage: Progress
-    search: Progress
-    timed: TimedRegion
-    done: float
-    total: float
-    last: int
-
-    def __call__(self, share: float) -> None:
-        self.stage(min(0.99, self.done + share * self.timed.share / self.total))
-
-    def note(self, text: str) -> None:
-        levels = self.timed.region.levels
-        place = f"level {levels.start}" + (f" to {self.last}" if levels.stop > self.last else "")
-        say(self.search, f"{place}: {text}")
-
-
-@dataclass(frozen=True)
-class Keep:
-    """Of every level's change as much as the judge confirms, against the start."""
-
-    def __call__(self, search: Search, progress: Progress) -> Search:
-        """See Stage."""
-        start, problem, cache = search.blend, search.work.problem, dict[tuple[int, int], tuple[Image, Image]]()
-        both = list(zip(start.levels, search.levels, strict=True))
+    def keep(self) -> None:
+        """Keeps of every level's change as much as the judge confirms, against the start."""
+        start, target = self.start, self.problem.target
+        both = list(zip(start.levels, self.levels, strict=True))
         changed = [first is not second and not np.array_equal(first, second) for first, second in both]
         if not any(changed):
-            return replace(search, levels=start.levels)
-        check = start.check
+            self.levels = start.levels
+            return
+        cache: dict[tuple[int, int], tuple[Image, Image]] = {}
 
         def texels(index: int, level: int, kept: float) -> Image:
             if (index, level) not in cache:
                 first, second = both[level]
-                cache[index, level] = check.looked_up(first, index), check.looked_up(second, index)
-            return between(*cache[index, level], kept, problem.target)
+                cache[index, level] = start.check.looked_up(first, index), start.check.looked_up(second, index)
+            return between(*cache[index, level], kept, target)
 
         # Nothing becomes worse than the start, which itself was held against every closed form that looks fine.
         baselines = [
             Baseline({name: _allowed(term, before.values[name], score) for name, term in TERMS.items()}, before.plain)
-            for before, score in zip(start.judge.baselines, search.before, strict=True)
+            for before, score in zip(start.judge.baselines, self.before, strict=True)
         ]
-        kept = confirmed(Judge(baselines, search.work.judged_by), check, texels, len(changed))
-        kept = [share if moved else 0.0 for share, moved in zip(kept, changed, strict=True)]
-        levels = [_level_between(*each, share, problem.target) for each, share in zip(both, kept, strict=True)]
-        progress(1.0)
-        return replace(search, levels=directions.aligned(levels, problem.target, problem.wrap), kept=kept)
+        kept = confirmed(Judge(baselines, self.judged_by), start.check, texels, len(changed))
+        self.kept = [share if moved else 0.0 for share, moved in zip(kept, changed, strict=True)]
+        levels = [_level_between(*each, share, target) for each, share in zip(both, self.kept, strict=True)]
+        self.levels = directions.aligned(levels, target, self.problem.wrap)
+
+    def measured(self) -> Measured:
+        """What held-out renders say of every level, and halfway between levels."""
+        start = self.start
+        found = start.held_out.of_stack(self.levels)
+        levels, between_levels = [], []
+        for lod, score, rivals in zip(start.held_out.lods, found, start.rivals, strict=True):
+            rows, others = score.log_errors, rivals.log_errors
+            figures = {
+                "snr": _by_set(-DECIBEL * rows.mean(1)),
+                "standard_error": _by_set(DECIBEL * standard_error(rows)),
+                "best_closed_form_snr": _by_set(-DECIBEL * others.mean(1)),
+                "gain_error": _by_set(DECIBEL * standard_error(rows - others)),
+            }
+            best = dict(zip(PAIR_SETS, rivals.names, strict=True))
+            if lod == int(lod):
+                level = int(lod)
+                sources, kept = start.sources[level], self.kept[level]
+                levels.append(
+                    MeasuredLevel(best_closed_form=best, level=level, sources=sources, refined=kept, **figures)
+                )
+            else:
+                between_levels.append(MeasuredBetween(best_closed_form=best, lod=lod, **figures))
+        effort = start.held_out.effort
+        pairs, points = effort.groups * SET_SIZE, effort.groups * effort.points
+        visible = float(np.exp(np.mean([score.visible.mean(-1) for score in found] - start.plain)))
+        return Measured(tuple(levels), pairs, points, start.left_out, tuple(between_levels), round(visible, 4))
+
+
+def _by_set(values: Array) -> dict[str, float]:
+    return {name: round(float(value), 4) for name, value in zip(PAIR_SETS, values, strict=True)}
 
 
 def _level_between(first: Image, second: Image, kept: float, model: str) -> Image:

@@ -21,19 +21,18 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.baking.prefilter import Progress, say
+from mipbake.baking.prefilter import Progress
 from mipbake.baking.search import rounds
-from mipbake.baking.search.crops import Crop
 from mipbake.baking.search.long_run import Stop, never
 from mipbake.baking.search.pair_weights import PairWeights
 from mipbake.baking.search.picture_samples import PictureChunk, picture_chunks, texels_around
 from mipbake.baking.search.pixel_samples import Chunk, Lobes, common_pairs, estimates, own_pairs
-from mipbake.baking.search.rounds import Held
+from mipbake.baking.search.regions import Crop
 from mipbake.base.errors import UsageError
 from mipbake.quality.judging.judge import Baseline, Judge
 from mipbake.quality.judging.probes import ProbeEffort
 from mipbake.quality.judging.scores import Errors, Scores, snr_text
-from mipbake.quality.judging.weights import SINGLE_LIGHTS, Weights
+from mipbake.quality.judging.terms import SINGLE_LIGHTS, Weights
 from mipbake.quality.metrics.pairs import PAIR_SETS
 from mipbake.quality.reference.problem import Image, Problem, Region
 
@@ -90,6 +89,7 @@ class Stopped(Exception):  # noqa: N818  it is no error
     """A region was left before it was done."""
 
 
+@dataclass(eq=False)
 class Descent:
     """What regions are optimised for, and how.
 
@@ -102,18 +102,12 @@ class Descent:
             of the wide lobes.
     """
 
-    def __init__(
-        self,
-        problem: Problem,
-        moving: Sequence[bool],
-        effort: DescentEffort,
-        trust: float = 0.0,
-        judged_by: Weights = SINGLE_LIGHTS,
-        typical: Image | None = None,
-    ) -> None:
-        self.problem, self.moving, self.effort, self.trust = problem, moving, effort, trust
-        self.judged_by = judged_by
-        self._typical = typical
+    problem: Problem
+    moving: Sequence[bool]
+    effort: DescentEffort
+    trust: float = 0.0
+    judged_by: Weights = SINGLE_LIGHTS
+    typical: Image | None = None
 
     @cached_property
     def lobes(self) -> list[Lobes]:
@@ -121,9 +115,9 @@ class Descent:
         return Lobes.under(self.problem)
 
     @property
-    def typical(self) -> Image:
-        """(C,) stored channels of PLAIN that shade about as bright as the whole set."""
-        return self.lobes[-1].levels[-1][0, 0] if self._typical is None else self._typical
+    def bright_as(self) -> Image:
+        """`typical`, where it is None the mean of the wide lobes."""
+        return self.lobes[-1].levels[-1][0, 0] if self.typical is None else self.typical
 
 
 def descend(
@@ -133,6 +127,7 @@ def descend(
     rng: np.random.Generator,
     deadline: float = math.inf,
     progress: Progress = lambda _: None,
+    note: Callable[[str], None] = lambda _: None,
     stop: Stop = never,
     worked: Callable[[int], None] = lambda _: None,
 ) -> tuple[int, bool]:
@@ -141,40 +136,32 @@ def descend(
     Args:
         levels: (H_L, W_L, C) the stack, changed in place inside the region.
         deadline: time.monotonic() after which no round begins.
-        progress: where it takes notes, they hold the SNR at each look.
-        stop: asked many times in a round whether to end with the best look. worked: takes, after each round, how
-            many there were.
+        note: takes the SNR at each look.
+        stop: is called many times in a round; where it says True, the best look ends the work.
+        worked: takes, after each round, how many there were.
 
     Returns:
         The rounds that were worked, and whether it was stopped before it was done.
     """
-    work = _Working(descent, levels, region, rng, progress)
-    began, effort = time.monotonic(), descent.effort
+    work = _Working(descent, levels, region, rng, note, stop)
+    began, most = time.monotonic(), descent.effort.rounds
     looked, stopped = True, False
-
-    def pause() -> None:
-        if stop():
-            raise Stopped
-
-    def draw(turn: int) -> tuple[list[tuple[Chunk, Image]], list[PictureChunk]]:
-        return _draw(descent, work.crops, work.weights, region, turn, np.random.default_rng([work.seed, turn]), pause)
-
     # What a round is fitted to does not hang on where the texels are: it is drawn while the last one is worked on.
     with ThreadPoolExecutor(1) as ahead_of_time:
-        drawn = ahead_of_time.submit(draw, 0) if work.free and effort.rounds else None
+        drawn = ahead_of_time.submit(work.draw, 0) if work.free and most else None
         try:
             while drawn is not None:
                 started = time.monotonic()
                 renders, pictures = drawn.result()
-                more = work.done + 1 < effort.rounds and started < deadline
-                drawn = ahead_of_time.submit(draw, work.done + 1) if more else None
-                work.round(renders, pictures, pause)
+                more = work.done + 1 < most and started < deadline
+                drawn = ahead_of_time.submit(work.draw, work.done + 1) if more else None
+                work.round(renders, pictures)
                 del renders, pictures
                 finished = time.monotonic()
                 # Half a round late is no later on average than half a round early.
                 late = finished + (finished - started) / 2 > deadline
                 share = (finished - began) / max(1e-9, deadline - began)
-                progress(min(1.0, max(work.done / effort.rounds, share)))
+                progress(min(1.0, max(work.done / most, share)))
                 looked = not (work.done % CHECK and drawn is not None and not late)
                 if looked:
                     work.look()
@@ -187,7 +174,9 @@ def descend(
             stopped = True
     if not looked:  # rounds that nobody has looked at yet may be the best
         work.look()
-    work.finish()
+    # Where the last rounds lost more than they gained, the texels are as the best look found them.
+    for i, texels in work.best.items():
+        levels[i][work.free[i].window] = texels
     return work.done, stopped
 
 
@@ -195,57 +184,92 @@ class _Working:
     """A descent at work in a region: what `descend` has of its texels, from round to round."""
 
     def __init__(
-        self, descent: Descent, levels: list[Image], region: Region, rng: np.random.Generator, progress: Progress
+        self,
+        descent: Descent,
+        levels: list[Image],
+        region: Region,
+        rng: np.random.Generator,
+        note: Callable[[str], None],
+        stop: Stop,
     ) -> None:
         self._descent, self._levels, self._region, self._rng = descent, levels, region, rng
-        self._progress = progress
-        problem, moving = descent.problem, descent.moving
+        self._note, self._stop = note, stop
+        problem = descent.problem
         near = range(max(0, region.levels.start - 1), min(len(levels), region.levels.stop + 1))
-        self.crops = {
-            i: Crop(levels[i], region, problem, i in region.levels and moving[i], texels_around(problem, region, i))
+        self._crops = {
+            i: Crop(
+                *(levels[i], region, problem),
+                i in region.levels and descent.moving[i],
+                texels_around(problem, region, i),
+            )
             for i in near
         }
-        self.free = {i: crop for i, crop in self.crops.items() if crop.free}
+        self.free = {i: crop for i, crop in self._crops.items() if crop.free}
         for crop in self.free.values():
             crop.move(crop.coordinates)
-        self._scores = _looks(problem, region, descent.effort, int(rng.integers(1 << 31)))
+        # At the levels of detail of the levels and half a level further.
+        lods = [level + half for level in region.levels for half in (0.0, 0.5) if level + half <= problem.last]
+        self._scores = Scores(problem, descent.effort.looks, [int(rng.integers(1 << 31))], lods, region)
         errors = self._scores.stack_errors(levels)
         self._judge = Judge([Baseline.of(each.score) for each in errors], descent.judged_by)
-        self.weights = PairWeights(self._scores, self._judge, descent.typical)
-        self.weights.update(errors)
-        self._helds = {i: Held() for i in self.free}
-        self._last = _values(self._judge, errors)
-        self._least, self._best = self._last.sum(), _within(levels, self.free)
-        self.done, self.still, self.seed = 0, 0, int(rng.integers(1 << 31))
+        self._weights = PairWeights(self._scores, self._judge, descent.bright_as)
+        self._weights.update(errors)
+        self._last = self._values(errors)
+        self._least, self.best = self._last.sum(), self._within()
+        self.done, self.still, self._seed = 0, 0, int(rng.integers(1 << 31))
 
-    def round(self, renders: Sequence[tuple[Chunk, Image]], pictures: list[PictureChunk], pause: rounds.Pause) -> None:
+    def _pause(self) -> None:
+        if self._stop():
+            raise Stopped
+
+    def draw(self, turn: int) -> tuple[list[tuple[Chunk, Image]], list[PictureChunk]]:
+        """The chunks of a round, with (K, P, 3) estimates of the reference."""
+        problem, effort, rng = self._descent.problem, self._descent.effort, np.random.default_rng([self._seed, turn])
+        out, pictures = list[tuple[Chunk, Image]](), list[PictureChunk]()
+        for level in self._region.levels:
+            uv = _some(self._crops[level].pixels(_LEAST_PIXELS, rng), problem.thinned, rng)
+            if level < _OWN_PAIRS:
+                chunks = own_pairs(problem, self._descent.lobes, level, uv, effort.pairs, turn, rng)
+            else:
+                many = renders_of_pixel(level, len(uv), effort.pairs)
+                chunks = common_pairs(problem, self._weights.pairs(level), level, uv, many, rng)
+            for chunk in chunks:
+                self._pause()
+                if any(index in self.free for index, _ in chunk.seen):
+                    out.append((replace(chunk, pixels=len(uv)), estimates(problem, chunk, effort.samples, rng)))
+            pictures += picture_chunks(problem, self._region, level, _PICTURES, effort.samples, rng)
+        return out, [chunk for chunk in pictures if any(index in self.free for index, _ in chunk.seen)]
+
+    def round(self, renders: Sequence[tuple[Chunk, Image]], pictures: list[PictureChunk]) -> None:
         """One round; where it is abandoned, `look` does not see what it did."""
-        drawn = rounds.Drawn.of(self.crops, renders, self.weights, pictures)
-        descent = self._descent
-        rounds.work(self.free, self._helds, drawn, descent.effort.steps, descent.trust, self.done, self._rng, pause)
+        drawn, descent = rounds.Drawn.of(self._crops, renders, self._weights, pictures), self._descent
+        rounds.work(self.free, drawn, descent.effort.steps, descent.trust, self.done, self._rng, self._pause)
         self.done += 1
 
     def look(self) -> None:
         """What the stack is worth now, in renders that no round is fitted to."""
         levels, scores = self._levels, self._scores
         for i, crop in self.free.items():
-            mean = self._helds[i].mean
-            assert mean is not None
-            levels[i][crop.window] = crop.values(mean)
+            assert crop.mean is not None
+            levels[i][crop.window] = crop.values(crop.mean)
         errors = scores.stack_errors(levels)
-        self.weights.update(errors)
-        now = _values(self._judge, errors)
-        say(self._progress, snr_text(np.mean([each.score.decibels for each in errors], 0)))
-        gains = _per_level(self._last - now, self._region, scores.lods)
-        self._last = now
+        self._weights.update(errors)
+        now = self._values(errors)
+        self._note(snr_text(np.mean([each.score.decibels for each in errors], 0)))
+        gains, self._last = self._last - now, now
         if now.sum() < self._least:
-            self._least, self._best = now.sum(), _within(levels, self.free)
-        self.still = self.still + 1 if (gains < _CONVERGED).all() else 0
+            self._least, self.best = now.sum(), self._within()
+        # Of a level in the mean over the levels of detail within 1/2 of it.
+        near = [np.abs(np.array(scores.lods) - level) <= 0.5 for level in self._region.levels]
+        self.still = self.still + 1 if all(gains[each].mean() < _CONVERGED for each in near) else 0
 
-    def finish(self) -> None:
-        """Where the last rounds lost more than they gained, the texels are as the best look found them."""
-        for i, crop in self.free.items():
-            self._levels[i][crop.window] = self._best[i]
+    def _values(self, errors: Sequence[Errors]) -> NDArray[np.float64]:
+        """(M,) what a stack is worth at each level of detail."""
+        return np.array([self._judge.value(each.score, index) for index, each in enumerate(errors)])
+
+    def _within(self) -> dict[int, Image]:
+        """Copies of what the stack has in the region."""
+        return {i: self._levels[i][crop.window].copy() for i, crop in self.free.items()}
 
 
 def pixels_of_round(problem: Problem, region: Region, level: int) -> int:
@@ -259,59 +283,9 @@ def renders_of_pixel(level: int, pixels: int, pairs: int) -> int:
     return pairs if level < _OWN_PAIRS else pairs * max(1, min(_COMMON, _COMMON_PIXELS // pixels))
 
 
-def _within(levels: Sequence[Image], free: dict[int, Crop]) -> dict[int, Image]:
-    """Copies of what crops hold of each level."""
-    return {i: levels[i][crop.window].copy() for i, crop in free.items()}
-
-
-def _looks(problem: Problem, region: Region, effort: DescentEffort, seed: int) -> Scores:
-    """Renders of a region, at the levels of detail of its levels and half a level further."""
-    lods = [level + half for level in region.levels for half in (0.0, 0.5) if level + half <= problem.last]
-    return Scores(problem, effort.looks, [seed], lods, region)
-
-
-def _values(judge: Judge, errors: Sequence[Errors]) -> NDArray[np.float64]:
-    """(M,) what a stack is worth at each level of detail."""
-    return np.array([judge.value(each.score, index) for index, each in enumerate(errors)])
-
-
-def _per_level(gains: NDArray[np.float64], region: Region, lods: Sequence[float]) -> NDArray[np.float64]:
-    """(levels,) means of (M,) nepers over the levels of detail within 1/2."""
-    near = [np.abs(np.array(lods) - level) <= 0.5 for level in region.levels]
-    return np.array([gains[each].mean() for each in near])
-
-
 def _some(uv: NDArray[np.float64], thinned: int, rng: np.random.Generator) -> NDArray[np.float64]:
     """One in so many of (P, 2) pixels, at random, in their order; no fewer than a round has at least."""
     if thinned == 1:
         return uv
     count = max(min(len(uv), _LEAST_PIXELS), len(uv) // thinned)
     return np.asarray(uv[np.sort(rng.permutation(len(uv))[:count])])
-
-
-def _draw(
-    descent: Descent,
-    crops: dict[int, Crop],
-    weights: PairWeights,
-    region: Region,
-    turn: int,
-    rng: np.random.Generator,
-    pause: rounds.Pause,
-) -> tuple[list[tuple[Chunk, Image]], list[PictureChunk]]:
-    """The chunks of a round, with (K, P, 3) estimates of the reference."""
-    problem, effort = descent.problem, descent.effort
-    free = {i for i, crop in crops.items() if crop.free}
-    out, pictures = list[tuple[Chunk, Image]](), list[PictureChunk]()
-    for level in region.levels:
-        uv = _some(crops[level].pixels(_LEAST_PIXELS, rng), problem.thinned, rng)
-        if level < _OWN_PAIRS:
-            chunks = own_pairs(problem, descent.lobes, level, uv, effort.pairs, turn, rng)
-        else:
-            many = renders_of_pixel(level, len(uv), effort.pairs)
-            chunks = common_pairs(problem, weights.pairs(level), level, uv, many, rng)
-        for chunk in chunks:
-            pause()
-            if any(index in free for index, _ in chunk.seen):
-                out.append((replace(chunk, pixels=len(uv)), estimates(problem, chunk, effort.samples, rng)))
-        pictures += picture_chunks(problem, region, level, _PICTURES, effort.samples, rng)
-    return out, [chunk for chunk in pictures if any(index in free for index, _ in chunk.seen)]

@@ -6,7 +6,7 @@ only these are made, and looked up with the bits of lookups in the whole level.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -37,20 +37,24 @@ class Touched:
     def __init__(self, problem: Problem, sets: Sequence[Scores]) -> None:
         self._problem, self._sets = problem, sets
         self._texels: list[NDArray[np.int64] | None] = []
-        self._taps: dict[tuple[int, int, int], LinearTaps] = {}
+        self._taps: list[dict[tuple[int, int], LinearTaps]] = []
         self._averages: list[dict[str, Image]] = []
-        at = [(which, index) for which, each in enumerate(sets) for index in range(len(each.probes))]
         for level, size in enumerate(problem.sizes):
             here = {
-                (which, index): linear_taps(size, sets[which].places(index), problem.wrap)
-                for which, index in at
-                if level in sets[which].probes[index].levels
+                (which, index): linear_taps(size, scores.places(index), problem.wrap)
+                for which, scores in enumerate(sets)
+                for index, probe in enumerate(scores.probes)
+                if level in probe.levels
             }
             texels = _read(size, [each.texels for each in here.values()])
             self._texels.append(texels)
-            for (which, index), taps in here.items():
-                placed = taps if texels is None else replace(taps, texels=np.searchsorted(texels, taps.texels))
-                self._taps[which, index, level] = placed
+            if texels is not None:
+                here = {key: replace(taps, texels=np.searchsorted(texels, taps.texels)) for key, taps in here.items()}
+            self._taps.append(here)
+
+    def probes(self, level: int) -> Iterable[tuple[int, int]]:
+        """The probes that look a level up: which of the sets, and the index in it."""
+        return self._taps[level]
 
     def gather(self, together: Together) -> None:
         """Takes what a pass averages at these texels."""
@@ -88,7 +92,7 @@ class Touched:
 
     def seen(self, texels: Image, which: int, index: int, level: int) -> Image:
         """What a probe of a set sees of (N, C) texels of a level."""
-        return self._sets[which].seen(self._taps[which, index, level].mixed(texels), index)
+        return self._sets[which].seen(self._taps[level][which, index].mixed(texels), index)
 
 
 def _read(size: tuple[int, int], lookups: Sequence[NDArray[np.int64]]) -> NDArray[np.int64] | None:

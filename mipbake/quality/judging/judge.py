@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mipbake.quality.judging.scores import Score
-from mipbake.quality.judging.terms import TERMS, Array, standard_error
-from mipbake.quality.judging.weights import Weights
+from mipbake.quality.judging.terms import TERMS, Array, Weights, standard_error
 
 
 @dataclass(frozen=True, eq=False)

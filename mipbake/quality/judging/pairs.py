@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.quality.metrics.pairs import NEAR_MIRROR_SPREAD, PAIR_SETS, LightViewPairs, cosine_directions
+from mipbake.quality.reference.lobes import around_mirror_density
 
 Array = NDArray[np.float64]
 
@@ -62,7 +63,7 @@ def _near_mirror(rng: np.random.Generator, count: int) -> tuple[Array, Array, Ar
     view = _views(rng, np.sqrt(low + _spread(rng, count) * (1 - low)))
     light = PAIR_SETS["near-mirror"](rng, view)
     light[::2] = _around(rng, view[::2], _TIGHT)
-    near, tight = (_around_mirror(light, view, spread) for spread in (NEAR_MIRROR_SPREAD, _TIGHT))
+    near, tight = (around_mirror_density(light, view, spread) for spread in (NEAR_MIRROR_SPREAD, _TIGHT))
     return light, view, 2 * near / np.maximum(near + tight, 1e-12) * (light[:, 2] > 0)
 
 
@@ -75,7 +76,7 @@ def _hemisphere(rng: np.random.Generator, count: int) -> tuple[Array, Array, Arr
         some = slice(kind, None, 3)
         light[some] = _around(rng, view[some], spread)
     cosine = np.maximum(light[:, 2], 0) / np.pi
-    densities = [_around_mirror(light, view, spread) for spread in (NEAR_MIRROR_SPREAD, _TIGHT)] + [cosine]
+    densities = [around_mirror_density(light, view, spread) for spread in (NEAR_MIRROR_SPREAD, _TIGHT)] + [cosine]
     shares = [len(range(kind, count, len(densities))) / count for kind in range(len(densities))]
     mixed = np.einsum("d,dk->k", shares, densities)
     of_views = np.where(height > _GRAZING[0], 2 * height / (height + 0.5), 0)
@@ -96,10 +97,3 @@ def _spread(rng: np.random.Generator, count: int) -> Array:
 def _views(rng: np.random.Generator, height: Array) -> Array:
     angle, flat = 2 * np.pi * _spread(rng, len(height)), np.sqrt(1 - height * height)
     return np.stack([flat * np.cos(angle), flat * np.sin(angle), height], -1)
-
-
-def _around_mirror(light: Array, view: Array, spread: float) -> Array:
-    """(K,) density of a Gaussian around the mirror direction, projected onto the sphere, as in lobes.py."""
-    s2 = spread**2
-    square = np.square(np.maximum((light * view * [-1, -1, 1]).sum(-1), 0))
-    return np.asarray(np.exp((square - 1) / (2 * s2)) * (square + s2) / (2 * np.pi * s2))

@@ -3,7 +3,17 @@
 from mipbake.quality.metrics.color_video_vdp import PERFECT_JOD, check_color_video_vdp, color_video_vdp
 from mipbake.quality.metrics.flicker import flicker_ratio, flicker_ratio_from_sums, flicker_snr_db, flicker_sums
 from mipbake.quality.metrics.flip import PIXELS_PER_DEGREE, Exposures, hdr_flip, hdr_flip_exposures, ldr_flip
-from mipbake.quality.metrics.images import Measured, displayed, film_exposure, srgb_encode
+from mipbake.quality.metrics.images import (
+    NITS_PER_UNIT,
+    Measured,
+    delta_e_itp,
+    displayed,
+    false_sparkle,
+    film_exposure,
+    srgb_encode,
+    structural_similarity,
+    tonemapped_error,
+)
 from mipbake.quality.metrics.intervals import (
     Interval,
     bootstrap,
@@ -12,13 +22,9 @@ from mipbake.quality.metrics.intervals import (
     snr_gain_interval,
     snr_interval,
 )
-from mipbake.quality.metrics.itp import NITS_PER_UNIT, delta_e_itp
 from mipbake.quality.metrics.pairs import PAIR_SETS, LightViewPairs, pair_set
 from mipbake.quality.metrics.registry import MEASURES, PIXELS_PER_DEGREE_OF_FILMS, Measure
 from mipbake.quality.metrics.snr import MAX_SNR_DB, snr_db, snr_from_sums, snr_sums
-from mipbake.quality.metrics.sparkle import false_sparkle
-from mipbake.quality.metrics.ssim import structural_similarity
-from mipbake.quality.metrics.tonemapped import tonemapped_error
 
 __all__ = [
     "MAX_SNR_DB",

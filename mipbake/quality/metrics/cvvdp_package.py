@@ -12,7 +12,7 @@ import importlib
 import importlib.util
 import sys
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
 from importlib.machinery import ModuleSpec
@@ -91,9 +91,13 @@ def _alone(folder: Path) -> Iterator[None]:
     sys.path.insert(0, str(folder))
     stood_in: set[str] = set()
     try:
-        for name, make in _STAND_INS.items():
+        for name, modules in _STAND_INS.items():
             if not _importable(name):
-                made = make()
+                made = {each: _module(each) for each in (name, *modules)}
+                for each, attributes in modules.items():
+                    vars(made[each]).update(attributes)
+                    if each != name:
+                        setattr(made[name], each.partition(".")[2], made[each])
                 stood_in.update(made)
                 sys.modules.update(made)
         yield
@@ -117,35 +121,20 @@ def _importable(name: str) -> bool:
     return True
 
 
-def _torchvision() -> Mapping[str, ModuleType]:
-    top, transforms, ops = (_module(name) for name in ("torchvision", "torchvision.transforms", "torchvision.ops"))
-    vars(transforms)["GaussianBlur"] = GaussianBlur
-    vars(ops)["MLP"] = _not_there
-    vars(top).update(transforms=transforms, ops=ops)
-    return {module.__name__: module for module in (top, transforms, ops)}
-
-
-def _ffmpeg() -> Mapping[str, ModuleType]:
-    return {"ffmpeg": _module("ffmpeg")}
-
-
-def _huggingface_hub() -> Mapping[str, ModuleType]:
-    module = _module("huggingface_hub")
-    vars(module)["hf_hub_download"] = _not_there
-    return {module.__name__: module}
-
-
-_STAND_INS: Mapping[str, Callable[[], Mapping[str, ModuleType]]] = {
-    "torchvision": _torchvision,
-    "ffmpeg": _ffmpeg,
-    "huggingface_hub": _huggingface_hub,
-}
-"""What stands in for each package that cannot be imported."""
-
-
 def _module(name: str) -> ModuleType:
     return importlib.util.module_from_spec(ModuleSpec(name, None))
 
 
 def _not_there(*_: object, **__: object) -> NoReturn:
     raise NotImplementedError("mipbake imports cvvdp for ColorVideoVDP alone, without what other metrics of it need")
+
+
+_STAND_INS: Mapping[str, Mapping[str, Mapping[str, object]]] = {
+    "torchvision": {
+        "torchvision.transforms": {"GaussianBlur": GaussianBlur},
+        "torchvision.ops": {"MLP": _not_there},
+    },
+    "ffmpeg": {},
+    "huggingface_hub": {"huggingface_hub": {"hf_hub_download": _not_there}},
+}
+"""What stands in for each package that cannot be imported: its modules, with what is in them."""

@@ -50,19 +50,11 @@ def flicker_snr_db(candidate: ImageArray, first: ImageArray, second: ImageArray)
     return snr_db(*_changes(candidate, first, second))
 
 
-def flicker_sums(
-    candidate: ImageArray, first: ImageArray, second: ImageArray, entry_axis: int | None = None
-) -> NDArray[np.float64]:
-    """The sums that flicker_ratio divides: (3,), or (K, 3), one row an entry of `entry_axis` of the frames.
-
-    They are the candidate's squared change, the reference's, and the noise energy in the reference's. Rows add up.
-    """
-    p, a, b = _changes(candidate, first, second)
-    if entry_axis is not None:
-        p, a, b = (np.moveaxis(change, entry_axis, 0).reshape(change.shape[entry_axis], -1) for change in (p, a, b))
-    else:
-        p, a, b = (change.reshape(-1) for change in (p, a, b))
-    return np.stack([np.square(p).sum(-1), (a * b).sum(-1), np.square(a - b).sum(-1) / 2], -1)
+def flicker_sums(candidate: ImageArray, first: ImageArray, second: ImageArray) -> NDArray[np.float64]:
+    """(3,) the sums that flicker_ratio divides: the candidate's squared change, the reference's, and the noise energy
+    in the reference's. Sums of light-view pairs add up."""
+    p, a, b = (change.reshape(-1) for change in _changes(candidate, first, second))
+    return np.stack([np.square(p).sum(), (a * b).sum(), np.square(a - b).sum() / 2])
 
 
 def flicker_ratio_from_sums(sums: NDArray[np.float64]) -> NDArray[np.float64]:

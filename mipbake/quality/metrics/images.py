@@ -1,13 +1,16 @@
-"""What the image measures share: their arguments' checks, the sRGB encoding, and a measure with its map."""
+"""Measures of images, a measure with its map, what displays show, and the checks that all measures of images share."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from mipbake.base.colour_science import colour_science
 from mipbake.base.errors import UsageError
+from mipbake.base.extras import extra
 from mipbake.base.srgb import linear_to_srgb
 
 ImageArray = NDArray[np.floating]
@@ -130,13 +133,8 @@ def checked_radiance(
     Raises:
         UsageError: otherwise, saying which image, which value and where.
     """
-    both = _colours("candidate", candidate, dtype), _colours("reference", reference, dtype)
-    check_same_shape(reference=both[1], candidate=both[0])
-    for name, image in zip(("candidate", "reference"), both, strict=True):
-        _refuse(
-            name, image, image < 0, "negative", "expected linear radiance; clip at 0 what a filter's lobes undershot"
-        )
-    return both
+    advice = "expected linear radiance; clip at 0 what a filter's lobes undershot"
+    return _checked(candidate, reference, dtype, math.inf, "negative", advice)
 
 
 def checked_display(
@@ -147,11 +145,17 @@ def checked_display(
     Raises:
         UsageError: otherwise, saying which image, which value and where.
     """
+    advice = "expected sRGB-encoded colours; encode with srgb_encode"
+    return _checked(candidate, reference, dtype, 1, "outside [0, 1]", advice)
+
+
+def _checked(
+    candidate: ImageArray, reference: ImageArray, dtype: DTypeLike, most: float, what: str, advice: str
+) -> tuple[ImageArray, ImageArray]:
     both = _colours("candidate", candidate, dtype), _colours("reference", reference, dtype)
     check_same_shape(reference=both[1], candidate=both[0])
     for name, image in zip(("candidate", "reference"), both, strict=True):
-        outside = (image < 0) | (image > 1)
-        _refuse(name, image, outside, "outside [0, 1]", "expected sRGB-encoded colours; encode with srgb_encode")
+        _refuse(name, image, (image < 0) | (image > most), what, advice)
     return both
 
 
@@ -179,3 +183,121 @@ def _refuse(name: str, image: ImageArray, bad: NDArray[np.bool_], what: str, adv
         count = int(bad.sum())
         values = "1 value that is" if count == 1 else f"{count} values that are"
         raise UsageError(f"{name} has {values} {what}, the first {image[where]:g} at index {where}: {advice}")
+
+
+def tonemapped_error(candidate: ImageArray, reference: ImageArray) -> Measured:
+    """Mean |s(p / (1 + p)) - s(r / (1 + r))| over colours and pixels, s the sRGB encoding: 0 is right, 1 the worst.
+
+    x / (1 + x) is the global operator of Reinhard et al. 2002 ("Photographic tone reproduction for digital images",
+    equation 3), by channel; s is IEC 61966-2-1. The reference's noise counts as error.
+
+    Args:
+        candidate, reference: (..., 3) linear radiance, one shape, from 0 up.
+
+    Returns:
+        The mean, and its map: the mean over the three colours at each pixel.
+
+    Raises:
+        UsageError: other shapes, or values that are negative or not finite.
+    """
+    p, r = checked_radiance(candidate, reference)
+    per_pixel = np.abs(displayed(p) - displayed(r)).mean(-1)
+    return Measured(float(per_pixel.mean()), per_pixel.astype(np.float32))
+
+
+THRESHOLD = 0.1
+"""How much brighter than the reference a displayed value may be, in units of the displayed range."""
+
+
+def false_sparkle(candidate: ImageArray, reference: ImageArray) -> Measured:
+    """Mean of max(0, P - R - THRESHOLD) over displayed, sRGB-encoded values: 0 is right, 0.9 the worst.
+
+    It looks one way: what is too dark, and what is too bright by THRESHOLD or less, counts nothing. A dot that is
+    brighter counts by how much it is, so few bright dots weigh as much as many faint ones. Each of the three channels
+    is compared by itself, and a pixel has the mean of the three, so that red light where the reference has green counts
+    as sparkle though both may have one luminance. Noise of the reference counts where it exceeds THRESHOLD.
+
+    Args:
+        candidate, reference: (..., 3) sRGB-encoded colours in [0, 1], one shape: pictures or whole films.
+
+    Returns:
+        The mean, and its map: the mean over the three channels at each pixel, of each frame.
+
+    Raises:
+        UsageError: other shapes or values.
+    """
+    p, r = checked_display(candidate, reference)
+    per_pixel = np.maximum(p - r - THRESHOLD, 0).mean(-1)
+    return Measured(float(per_pixel.mean()), per_pixel.astype(np.float32))
+
+
+WINDOW = 11
+"""Pixels a side of the Gaussian window; smaller images have no SSIM."""
+
+
+def structural_similarity(candidate: ImageArray, reference: ImageArray) -> Measured:
+    """Mean SSIM of what a display shows: 1 for the same image, at least -1. Symmetric in its images.
+
+    Wang et al. 2004, "Image quality assessment: from error visibility to structural similarity", equation 13, with that
+    paper's settings: Gaussian window of 11 x 11 pixels and sigma 1.5, K1 = 0.01, K2 = 0.03, range 1; by colour channel,
+    averaged. The mean leaves out the 5 pixels at each border, where the window would leave the image; the map has them.
+
+    Args:
+        candidate, reference: (H, W, 3) sRGB-encoded colours in [0, 1], H and W at least 11.
+
+    Raises:
+        UsageError: other shapes or values, or scikit-image missing.
+    """
+    with extra("compare", "SSIM"):
+        from skimage import metrics
+
+    p, r = checked_display(candidate, reference)
+    check_picture(r, WINDOW)
+    mean, values = metrics.structural_similarity(
+        r, p, data_range=1, channel_axis=-1, gaussian_weights=True, sigma=1.5, use_sample_covariance=False, full=True
+    )
+    return Measured(float(mean), np.asarray(values.mean(-1), np.float32))
+
+
+NITS_PER_UNIT = 203.0
+"""Luminance in cd/m^2 of radiance 1: diffuse (reference) white of ITU-R BT.2408, for high dynamic range."""
+
+MAX_NITS = 10_000.0
+"""Where the encoding of SMPTE ST 2084 ends; brighter colours are clipped to it."""
+
+_USER = "Delta E ITP"
+
+
+def delta_e_itp(candidate: ImageArray, reference: ImageArray, nits_per_unit: float = NITS_PER_UNIT) -> Measured:
+    """Mean Delta E ITP over the pixels, in just noticeable differences: 0 is right, below 1 nobody sees it.
+
+    ITU-R BT.2124: 720 sqrt(dI^2 + dT^2 + dP^2) with T = C_T / 2, P = C_P, of colours in ICtCp (ITU-R BT.2100, PQ).
+    Linear Rec.709 is scaled to cd/m^2, converted to BT.2020's primaries (one white point, no adaptation) and clipped at
+    MAX_NITS. PQ is absolute, so the scale matters: the same ratio is more visible when bright. The reference's noise
+    counts as error.
+
+    Args:
+        candidate, reference: (..., 3) linear Rec.709 radiance, one shape, from 0 up.
+        nits_per_unit: cd/m^2 of radiance 1, above 0; an exposure belongs in here.
+
+    Returns:
+        The mean and the map, one Delta E a pixel.
+
+    Raises:
+        UsageError: other shapes, values that are negative or not finite, no positive nits_per_unit, or colour-science
+            missing.
+    """
+    if not 0 < nits_per_unit < math.inf:
+        raise UsageError(f"nits_per_unit is {nits_per_unit}: expected a number above 0, for example {NITS_PER_UNIT:g}")
+    colour = colour_science(_USER)
+    p, r = (_ictcp(image, nits_per_unit) for image in checked_radiance(candidate, reference))
+    per_pixel = np.asarray(colour.delta_E(p, r, method="ITP"), np.float64)
+    return Measured(float(per_pixel.mean()), per_pixel.astype(np.float32))
+
+
+def _ictcp(image: ImageArray, nits_per_unit: float) -> NDArray[np.float64]:
+    colour = colour_science(_USER)
+    spaces = colour.RGB_COLOURSPACES
+    matrix = np.asarray(colour.matrix_RGB_to_RGB(spaces["ITU-R BT.709"], spaces["ITU-R BT.2020"]), np.float64)
+    nits = np.minimum(image * nits_per_unit @ matrix.T, MAX_NITS)
+    return np.asarray(colour.RGB_to_ICtCp(nits, method="ITU-R BT.2100-2 PQ"), np.float64)

@@ -25,8 +25,9 @@ from mipbake.quality.metrics.flicker import flicker_ratio_from_sums
 from mipbake.quality.metrics.snr import snr_from_sums
 
 CONFIDENCE = 0.95
-RESAMPLES = 2000
-SEED = 0
+"""Share of intervals that hold the true figure."""
+
+_RESAMPLES, _SEED = 2000, 0
 
 Statistic = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 """(..., M) sums over pairs to (...) figures."""
@@ -34,70 +35,49 @@ Statistic = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 @dataclass(frozen=True)
 class Interval:
-    """A figure with its confidence interval; the bounds are nan where the figure is nan for a resample.
-
-    Args:
-        estimate: the figure of all pairs.
-        low, high: bounds, low not above high.
-        confidence: share of such intervals that hold the true figure, in (0, 1).
-    """
+    """A figure of all pairs with its 95 % confidence interval, `low` not above `high`; both are nan where the figure is
+    nan for a resample."""
 
     estimate: float
     low: float
     high: float
-    confidence: float
 
 
-def bootstrap(
-    statistic: Statistic,
-    sums: NDArray[np.floating],
-    confidence: float = CONFIDENCE,
-    resamples: int = RESAMPLES,
-    seed: int = SEED,
-) -> Interval:
+def bootstrap(statistic: Statistic, sums: NDArray[np.floating]) -> Interval:
     """The interval of a figure that depends on sums over pairs.
+
+    Figures of as many pairs share their draws, so their order is not blurred by chance.
 
     Args:
         statistic: from sums over pairs, (..., M), to the figures (...).
         sums: (K, M), what each pair adds; K at least 2. A resample weights the rows by how often it drew each.
-        confidence: in (0, 1).
-        resamples: draws, at least 100.
-        seed: fixes the draws; figures of one K and seed share them, so their order is not blurred by chance.
 
     Raises:
-        UsageError: values outside these ranges.
+        UsageError: other shapes.
     """
     rows = np.asarray(sums, np.float64)
     if rows.ndim != 2 or len(rows) < 2:
         raise UsageError(f"sums have shape {rows.shape}: expected (pairs, sums), at least two pairs to resample")
-    if not 0 < confidence < 1 or resamples < 100:
-        raise UsageError(
-            f"confidence is {confidence} and resamples {resamples}: expected a confidence between 0 and 1 and at least "
-            "100 resamples"
-        )
-    count = len(rows)
-    figures = statistic(_draws(count, resamples, seed) @ rows)
-    tail = 50 * (1 - confidence)
+    figures = statistic(_draws(len(rows)) @ rows)
+    tail = 50 * (1 - CONFIDENCE)
     low, high = np.percentile(figures, [tail, 100 - tail]) if np.isfinite(figures).all() else (math.nan, math.nan)
-    return Interval(float(statistic(rows.sum(0))), float(low), float(high), confidence)
+    return Interval(float(statistic(rows.sum(0))), float(low), float(high))
 
 
 @lru_cache(maxsize=8)
-def _draws(count: int, resamples: int, seed: int) -> NDArray[np.float64]:
-    """(resamples, count): how often each resample drew each pair. Drawing takes far longer than the figures do."""
-    drawn = np.random.default_rng(seed).multinomial(count, np.full(count, 1 / count), size=resamples).astype(np.float64)
+def _draws(count: int) -> NDArray[np.float64]:
+    """(_RESAMPLES, count): how often each resample drew each pair. Drawing takes far longer than the figures do."""
+    drawn = np.random.default_rng(_SEED).multinomial(count, np.full(count, 1 / count), _RESAMPLES).astype(np.float64)
     drawn.flags.writeable = False
     return drawn
 
 
-def snr_interval(sums: NDArray[np.floating], confidence: float = CONFIDENCE, seed: int = SEED) -> Interval:
+def snr_interval(sums: NDArray[np.floating]) -> Interval:
     """Interval of an SNR in dB from the (K, 3) rows of snr_sums."""
-    return bootstrap(snr_from_sums, sums, confidence, seed=seed)
+    return bootstrap(snr_from_sums, sums)
 
 
-def snr_gain_interval(
-    sums: NDArray[np.floating], baseline: NDArray[np.floating], confidence: float = CONFIDENCE, seed: int = SEED
-) -> Interval:
+def snr_gain_interval(sums: NDArray[np.floating], baseline: NDArray[np.floating]) -> Interval:
     """Interval of SNR - baseline's SNR, in dB, from the (K, 3) rows of snr_sums of both on the same pairs.
 
     Each resample draws the same pairs for both, so what both find hard cancels. An interval that holds 0 shows no gain.
@@ -109,22 +89,16 @@ def snr_gain_interval(
         raise UsageError(
             f"sums have shape {np.shape(sums)} and baseline {np.shape(baseline)}: expected the same light-view pairs"
         )
-    return bootstrap(
-        lambda both: snr_from_sums(both[..., :3]) - snr_from_sums(both[..., 3:]),
-        np.concatenate([sums, baseline], -1),
-        confidence,
-        seed=seed,
-    )
+    both = np.concatenate([sums, baseline], -1)
+    return bootstrap(lambda sums: snr_from_sums(sums[..., :3]) - snr_from_sums(sums[..., 3:]), both)
 
 
-def flicker_interval(sums: NDArray[np.floating], confidence: float = CONFIDENCE, seed: int = SEED) -> Interval:
+def flicker_interval(sums: NDArray[np.floating]) -> Interval:
     """Interval of a flicker ratio from the (K, 3) rows of flicker_sums, K along the frames' axis of pairs."""
-    return bootstrap(flicker_ratio_from_sums, sums, confidence, seed=seed)
+    return bootstrap(flicker_ratio_from_sums, sums)
 
 
-def mean_interval(values: NDArray[np.floating], confidence: float = CONFIDENCE, seed: int = SEED) -> Interval:
+def mean_interval(values: NDArray[np.floating]) -> Interval:
     """Interval of the mean of (K,) figures, one a pair (or one an image, where images are what was drawn)."""
     column = np.asarray(values, np.float64).reshape(-1, 1)
-    return bootstrap(
-        lambda s: s[..., 0] / s[..., 1], np.concatenate([column, np.ones_like(column)], -1), confidence, seed=seed
-    )
+    return bootstrap(lambda sums: sums[..., 0] / sums[..., 1], np.concatenate([column, np.ones_like(column)], -1))

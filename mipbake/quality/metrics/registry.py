@@ -10,12 +10,15 @@ from typing import Literal
 from mipbake.quality.metrics.color_video_vdp import color_video_vdp
 from mipbake.quality.metrics.flicker import flicker_ratio, flicker_snr_db
 from mipbake.quality.metrics.flip import hdr_flip, ldr_flip
-from mipbake.quality.metrics.images import ImageArray, Measured
-from mipbake.quality.metrics.itp import delta_e_itp
+from mipbake.quality.metrics.images import (
+    ImageArray,
+    Measured,
+    delta_e_itp,
+    false_sparkle,
+    structural_similarity,
+    tonemapped_error,
+)
 from mipbake.quality.metrics.snr import snr_db
-from mipbake.quality.metrics.sparkle import false_sparkle
-from mipbake.quality.metrics.ssim import structural_similarity
-from mipbake.quality.metrics.tonemapped import tonemapped_error
 
 Direction = Literal["higher", "lower", "one"]
 """Which figure is the better: the higher, the lower, or the one whose logarithm is nearer 0."""

@@ -7,7 +7,6 @@ averages the samples of all illuminations (estimate.py).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,30 +18,36 @@ from mipbake.shading import shade, shade_lit
 Image = NDArray[np.float32]
 
 
-class Illumination(Protocol):
-    """What an estimate asks of an illumination."""
+class Illumination:
+    """What an estimate needs to know of an illumination. Inherited by those below, which have (G, ...) `light`."""
+
+    light: Image
 
     @property
     def groups(self) -> int:
         """Groups, each of which looks pixels up by itself."""
+        return len(self.light)
 
     @property
     def renders(self) -> int:
         """K, renders of a pixel in a group."""
+        return 1
 
     @property
     def lights(self) -> int:
         """Radiances that are held of a sample of a pixel in a group."""
+        return self.renders
 
     def shaded(self, model: str, texels: Image, span: Span) -> Image:
         """Radiance of (R, S, n, C) texels, S samples of n pixels in R groups: (R, K, S, 1, n, 3) or (R, 1, S, K, n, 3).
 
         With (1, S, n, C) texels, which all groups see: (1, R K, S, 1, n, 3) or (1, 1, S, K, n, 3).
         """
+        raise NotImplementedError
 
 
 @dataclass(frozen=True, eq=False)
-class GroupPairs:
+class GroupPairs(Illumination):
     """K light-view pairs of each of G groups, for all pixels of the group.
 
     Args:
@@ -53,15 +58,7 @@ class GroupPairs:
     view: Image
 
     @property
-    def groups(self) -> int:
-        return len(self.light)
-
-    @property
     def renders(self) -> int:
-        return int(self.light.shape[1])
-
-    @property
-    def lights(self) -> int:
         return int(self.light.shape[1])
 
     def shaded(self, model: str, texels: Image, span: Span) -> Image:
@@ -77,7 +74,7 @@ def common_pairs(pairs: LightViewPairs) -> GroupPairs:
 
 
 @dataclass(frozen=True, eq=False)
-class PixelPairs:
+class PixelPairs(Illumination):
     """K light-view pairs of each pixel's own; one group.
 
     Args:
@@ -95,17 +92,13 @@ class PixelPairs:
     def renders(self) -> int:
         return len(self.light)
 
-    @property
-    def lights(self) -> int:
-        return len(self.light)
-
     def shaded(self, model: str, texels: Image, span: Span) -> Image:
         # Samples are the batch: the pairs of a pixel repeat for each of them.
         return shade(model, texels[0], self.light[None, :, span.pixels], self.view[None, :, span.pixels])[None, None]
 
 
 @dataclass(frozen=True, eq=False)
-class SummedLights:
+class SummedLights(Illumination):
     """Directional lights of each of G groups, seen from one side and all at once: one render, their sum.
 
     Args:
@@ -115,18 +108,6 @@ class SummedLights:
     light: Image
     view: Image
     power: Image
-
-    @property
-    def groups(self) -> int:
-        return len(self.light)
-
-    @property
-    def renders(self) -> int:
-        return 1
-
-    @property
-    def lights(self) -> int:
-        return 1  # the sum is all that is held of a sample
 
     def shaded(self, model: str, texels: Image, span: Span) -> Image:
         rows, samples, count, channels = texels.shape

@@ -6,6 +6,7 @@ A lobe is four numbers: a unit normal that looks up, and alpha. All arrays here 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,10 @@ from numpy.typing import NDArray
 from mipbake.quality.metrics.pairs import NEAR_MIRROR_SPREAD
 
 Floats = NDArray[np.float32]
+Reals = NDArray[Any]
+
+WIDER, LEAST_ALPHA = 1.2, 0.004
+"""Lobes that pairs are drawn from are a little wider, so that tails are seen and densities stay finite."""
 
 _MIRRORED = np.array([-1, -1, 1], np.float32)
 
@@ -71,13 +76,13 @@ def mixed_density(lobe: Floats, light: Floats, view: Floats) -> NDArray[np.float
     return np.asarray(distribution * 0.25 / np.maximum(np.abs((half * seen).sum(-1)), 1e-4))
 
 
-def around_mirror_density(light: Floats, view: Floats) -> Floats:
+def around_mirror_density(light: Reals, view: Reals, spread: float = NEAR_MIRROR_SPREAD) -> Reals:
     """(...) density of (..., 3) unit vectors around the mirror direction of views, above the horizon or not.
 
     A Gaussian around a point of the unit sphere, projected onto it: its integral along the ray, to 1e-13 where it is
     not negligible.
     """
-    s2 = NEAR_MIRROR_SPREAD**2
+    s2 = spread**2
     square = np.square(np.maximum(_dot(light, view * _MIRRORED), 0))
     return np.asarray(np.exp((square - 1) / (2 * s2)) * (square + s2) / (2 * math.pi * s2))
 
@@ -85,7 +90,8 @@ def around_mirror_density(light: Floats, view: Floats) -> Floats:
 def near_mirror_density(light: Floats, view: Floats) -> Floats:
     """(...) density of (..., 3) lights of the pair set `near-mirror`, given views that look up: lights below the
     horizon are drawn again."""
-    return around_mirror_density(light, view) / _normal_below(view[..., 2] / NEAR_MIRROR_SPREAD)
+    around: Floats = around_mirror_density(light, view)
+    return around / _normal_below(view[..., 2] / NEAR_MIRROR_SPREAD)
 
 
 def hemisphere_density(light: Floats) -> Floats:
@@ -93,7 +99,7 @@ def hemisphere_density(light: Floats) -> Floats:
     return np.asarray(np.maximum(light[..., 2], 0) / math.pi)
 
 
-def _dot(a: Floats, b: Floats) -> Floats:
+def _dot(a: Reals, b: Reals) -> Reals:
     """(...) inner products of (..., 3) vectors, added axis by axis: sums along a last axis of three are slow."""
     return np.asarray(a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2])
 

@@ -47,8 +47,6 @@ _TOGETHER = 256  # pairs that are lit at a time
 _LOW = 0.05  # cosine of views below which their density levels off
 # By which power of the product of both cosines errors grow faster than energies, and the least product.
 _FASTER, _LOWEST = 0.25, 1e-6
-# Lobes that pairs are drawn from are a little wider, so that tails are seen and densities stay finite.
-_WIDER, _LEAST_ALPHA = 1.2, 0.004
 _STREAM = 982451653  # keeps these random numbers apart from those of pair_set; a seed
 
 
@@ -119,7 +117,7 @@ def _lobes(texels: Image, model: str) -> Image:
     alpha2 = tensor[:, 0]
     if tensor.shape[-1] > 1:
         alpha2 = (tensor[:, 0] + tensor[:, 1]) / 2 + np.hypot((tensor[:, 0] - tensor[:, 1]) / 2, tensor[:, 2])
-    alpha = np.clip(_WIDER * np.sqrt(alpha2), _LEAST_ALPHA, 1)
+    alpha = np.clip(lobes.WIDER * np.sqrt(alpha2), lobes.LEAST_ALPHA, 1)
     return np.concatenate([described.unit_normals(texels), alpha[:, None]], -1).astype(np.float32)
 
 

@@ -1,4 +1,4 @@
-"""What a stack is asked for, and parts of it."""
+"""What a stack is made for, and parts of it."""
 
 from __future__ import annotations
 
