@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -33,10 +34,9 @@ from mipbake import MipStack, TextureSet
 from mipbake.fitting import Frame, Levels, View, standard_views
 from mipbake.fitting.named import RendererChoice
 from mipbake.fitting.parameters import Parameters
-from mipbake.fitting.prepared import passes_for
 from mipbake.fitting.process import ProcessRenderer as Renderer
+from mipbake.fitting.references import passes_for, supersampled
 from mipbake.fitting.renderer import new_stamps
-from mipbake.fitting.supersampled import supersampled
 from mipbake.fitting.views import scale_of
 from mipbake.material.pixel_filter import filter_named, level_sizes
 from mipbake.quality.metrics import displayed, snr_sums
@@ -60,10 +60,9 @@ PICTURED_LOD, PICTURED_SIDE = 4.0, 144
 Image3 = NDArray[np.float32]
 
 
-RENDERERS: Mapping[str, Callable[[Path | None], Any]] = {
-    "gl clearcoat": lambda _: RendererChoice("gl", "clearcoat").made(),
-    "gl ramp": lambda _: RendererChoice("gl", "ramp").made(),
-    "three physical": lambda three: RendererChoice("three", "physical", three=three).made(),
+RENDERERS: Mapping[str, Callable[[], Any]] = {
+    f"{name} {shader}": RendererChoice(name, shader).made
+    for name, shader in (("gl", "clearcoat"), ("gl", "ramp"), ("three", "physical"))
 }
 
 
@@ -261,10 +260,10 @@ def main() -> None:
     parser.add_argument("--results", type=Path, required=True)
     parser.add_argument("--pictures", type=Path, help="folder for pictures, one of each set in each renderer")
     parser.add_argument("--renderers", nargs="+", choices=RENDERERS, default=list(RENDERERS))
-    parser.add_argument("--three", type=Path, help="folder `build` of the npm package three; found where it is nearby")
     for each in fields(Effort):
         parser.add_argument(f"--{each.name}", type=type(each.default), default=each.default)
     options = parser.parse_args()
+    os.environ.setdefault("NODE_PATH", str(Path(__file__).parent / "engines/node_modules"))  # has three.js
     effort = Effort(**{each.name: getattr(options, each.name) for each in fields(Effort)})
     folder, *names = options.materials
     sets = folder_sets(Path(folder))
@@ -280,7 +279,7 @@ def main() -> None:
                 if name in found:
                     continue
                 if renderer is None:
-                    renderer = stack.enter_context(closing(RENDERERS[renderer_name](options.three)))
+                    renderer = stack.enter_context(closing(RENDERERS[renderer_name]()))
                 found[name] = one(renderer_name, renderer, texture_set_of(sets[name], effort), effort, options.pictures)
                 save(options.results, data)
                 print(f"{renderer_name}, {name}: {found[name]['seconds']}", flush=True)

@@ -63,7 +63,7 @@ def bake_batch(
 def suggest_recursive(session: Session, failures: Sequence[NotBaked], out: Path) -> None:
     """Says what lies below folders that hold no maps themselves, for who forgot to ask for it."""
     for folder in dict.fromkeys(each.source for each in failures):
-        with suppress(MipbakeError):  # why it cannot be read was told
+        with suppress(MipbakeError):  # why it cannot be read was said
             if not disk.is_dir(folder):
                 continue
             found = found_library([folder], out, lambda _: LoadOptions())
@@ -154,7 +154,7 @@ def _printer(session: Session, flags: BatchFlags, call: _Call) -> Iterator[_Prin
 def _tell(session: Session, flags: BatchFlags, call: _Call, summary: Summary) -> None:
     """Says what a batch came to."""
     if flags.depfile is not None and not summary.failures:
-        write_depfile(flags.depfile, summary, call.out, call.sources, flags.depfile_for, _common(call, summary))
+        write_depfile(flags.depfile, summary, call.out, call.sources, _common(call, summary))
     if flags.check and summary.planned:
         session.exit_code = max(session.exit_code, EXIT_CHECK)
     session.print(_summary_line(summary))
@@ -185,7 +185,7 @@ class _Printer(BatchListener):
     bar: tuple[Bar, TaskID] | None
     call: _Call
     depfile: Path | None
-    told: list[str] = field(default_factory=list)
+    idle: list[str] = field(default_factory=list)
 
     def found(self, entries: Sequence[Entry], notes: Sequence[str], jobs: int) -> None:
         """See BatchListener. UsageError where a file would lie in a result, which is replaced as a whole."""
@@ -200,9 +200,9 @@ class _Printer(BatchListener):
                         "outside of it"
                     )
         self.log.open()
-        if self.call.idle is not None and not self.told:  # later passes of --watch are about what has changed
-            self.told.extend(self.call.idle([entry.label for entry in entries]))
-            notes = [*notes, *self.told]
+        if self.call.idle is not None and not self.idle:  # later passes of --watch are about what has changed
+            self.idle.extend(self.call.idle([entry.label for entry in entries]))
+            notes = [*notes, *self.idle]
         processes = f", baking with {_counted(jobs, 'process')}" if jobs else ", nothing has changed"
         self.session.print(*(f"note: {note}" for note in notes), f"found {_counted(len(entries), 'source')}{processes}")
         if self.bar:
@@ -220,13 +220,13 @@ class _Printer(BatchListener):
                 self.session.fail(f"{result.entry.label}: {defect}", DEFECT)
         self.log.write(result)
         if self.bar:
-            self.bar[0].update(self.bar[1], completed=progress.done, left=_spoken(progress.seconds_left))
+            self.bar[0].update(self.bar[1], completed=progress.done, left=_remaining(progress.seconds_left))
 
 
 def _line(each: Result, result: EntryResult, progress: Progress) -> str:
     """One line for one set."""
     at = f"[{progress.done}/{progress.count}]"
-    left = "" if progress.seconds_left is None or progress.done == progress.count else _spoken(progress.seconds_left)
+    left = "" if progress.seconds_left is None or progress.done == progress.count else _remaining(progress.seconds_left)
     if isinstance(each, Planned):
         return f"{result.entry.label}: would be baked to {each.out}, because {each.why}"
     if isinstance(each, NotBaked):
@@ -240,13 +240,13 @@ def _line(each: Result, result: EntryResult, progress: Progress) -> str:
     return f"{at} {result.entry.label}: {size} in {result.seconds:.1f} s{warned}{left}"
 
 
-def _spoken(seconds: float | None) -> str:
+def _remaining(seconds: float | None) -> str:
     """What is left, as the end of a line."""
     if seconds is None:
         return ""
     minutes = round(seconds / 60)
-    told = f"{round(seconds)} s" if seconds < 90 else f"{minutes} min" if minutes < 90 else f"{seconds / 3600:.1f} h"
-    return f", about {told} left"
+    time = f"{round(seconds)} s" if seconds < 90 else f"{minutes} min" if minutes < 90 else f"{seconds / 3600:.1f} h"
+    return f", about {time} left"
 
 
 def _summary_line(summary: Summary) -> str:

@@ -42,17 +42,10 @@ class BatchFlags:
     )
     depfile: Path | None = option(
         None,
-        "Write what results were made from, as a rule of Make, which Ninja takes as well. A file that is no such rule "
-        "is not replaced.",
+        "Write what each stack.json and GLB was made from, as a rule of Make, which Ninja takes as well. A file that "
+        "is no such rule is not replaced.",
         group=_BATCH,
         metavar="FILE",
-    )
-    depfile_for: str | None = option(
-        None,
-        "What the rule of --depfile is about.",
-        group=_BATCH,
-        metavar="NAME",
-        otherwise="each stack.json, and GLB files",
     )
     json_log: Path | None = option(
         None,
@@ -82,8 +75,6 @@ class BatchFlags:
 
     def __post_init__(self) -> None:
         """Checks what does not go together."""
-        if self.depfile_for is not None and self.depfile is None:
-            raise UsageError("--depfile-for is the name in a --depfile, which is missing: give both, or none")
         if self.plans and self.depfile is not None:
             raise UsageError("a dry run bakes nothing that --depfile could tell of: expected one of the two")
         if self.watch and self.depfile is not None:

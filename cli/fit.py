@@ -22,10 +22,9 @@ from mipbake.cli.sources import Sources, over_sets, stacks_folder
 from mipbake.cli.tables import description
 from mipbake.fitting import Progress
 from mipbake.fitting import fit as fit_stack
-from mipbake.fitting.comparisons import ERRORS
 from mipbake.fitting.loop import MOST, check_count
 from mipbake.fitting.named import RENDERERS, RendererChoice
-from mipbake.fitting.prepared import TEXELS
+from mipbake.fitting.process import TIMEOUT
 from mipbake.fitting.state import check_checkpoint
 from mipbake.source.jobs import Job
 from mipbake.source.options import LoadOptions
@@ -45,7 +44,7 @@ _WITHOUT_END = 2**31 - 1
 """Steps that no fit makes: it ends where no level gains any more."""
 
 
-_STEPS, _RENDERER = "Steps", "Renderer"
+_STEPS = "Steps"
 
 
 @dataclass(frozen=True)
@@ -71,20 +70,9 @@ class FitFlags:
     )
     renderer_timeout: float | None = option(
         None,
-        "How long a program or a browser may take for a render.",
+        "How long a program or a browser may take to start, and for a render.",
         metavar="SECONDS",
-        otherwise="60",
-        group=_RENDERER,
-    )
-    renderer_start_timeout: float | None = option(
-        None, "How long a program may take to start.", metavar="SECONDS", otherwise="120", group=_RENDERER
-    )
-    three: Path | None = option(
-        None,
-        "The folder of three.js that holds three.module.js.",
-        metavar="FOLDER",
-        otherwise="node_modules/three/build",
-        group=_RENDERER,
+        otherwise=f"{TIMEOUT:g}",
     )
     start: list[str] | None = option(
         None,
@@ -117,24 +105,6 @@ class FitFlags:
         otherwise="as many as the budget allows",
         group=_STEPS,
     )
-    rounds: int = option(
-        1,
-        "Rounds of least squares after the steps, which move all texels of a level together; 0 for none.",
-        metavar="NUMBER",
-        group=_STEPS,
-    )
-    texels: str = option(
-        TEXELS[0],
-        "Which texels of its lookup a pixel's error is credited to.",
-        metavar=one_of(TEXELS),
-        group=_STEPS,
-    )
-    error: str = option(
-        ERRORS[0],
-        "What is compared: radiance as a display shows it, linear radiance too, or numbers as they are.",
-        metavar=one_of(ERRORS),
-        group=_STEPS,
-    )
     seed: int = option(0, "Seed of everything that is drawn at random; 0 or more.", group=_STEPS)
     format: str | None = same(
         BakeOptions, "format", help="Files that are written, as in `mipbake bake --format`.", otherwise="exr"
@@ -144,15 +114,7 @@ class FitFlags:
     @property
     def choice(self) -> RendererChoice:
         """What renders."""
-        return RendererChoice(
-            self.renderer,
-            self.shader,
-            self.renderer_command,
-            self.renderer_timeout,
-            self.renderer_start_timeout,
-            self.three,
-            self.views_file,
-        )
+        return RendererChoice(self.renderer, self.shader, self.renderer_command, self.renderer_timeout, self.views_file)
 
 
 @options.reads_sets
@@ -187,21 +149,21 @@ def fit(
                 warnings.simplefilter("always", UserWarning)
                 fitted = fit_stack(
                     stack, made, learned, others=others, held_out=checked, source=texture_set, steps=most,
-                    budget=seconds, rounds=flags.rounds, texels=flags.texels, seed=flags.seed, error=flags.error,
-                    checkpoint=kept, progress=_shown(phases), preparing=partial(phases, "views"),
+                    budget=seconds, seed=flags.seed, checkpoint=kept, progress=_shown(phases),
+                    preparing=partial(phases, "views"),
                 )  # fmt: skip
                 phases("fit", 1.0)
                 files = fitted.save(place, flags.format, partial(phases, "write"), preset=flags.preset)
             kept.unlink(missing_ok=True)
             warned = [str(each.message) for each in found if issubclass(each.category, UserWarning)]
-        told = fitted.provenance.adjustments[-1]
+        said = fitted.provenance.adjustments[-1]
         session.print(
-            f"fitted: {told}",
+            f"fitted: {said}",
             *(f"warning: {sentence}" for sentence in warned),
             f"time: {phases.summary()}",
             f"wrote {place}: {len(files)} files",
         )
-        return {"out": place, "files": files, "fitted": told, "warnings": warned, "seconds": dict(phases.seconds)}
+        return {"out": place, "files": files, "fitted": said, "warnings": warned, "seconds": dict(phases.seconds)}
 
     try:
         results = over_sets(session, sources, load, act)

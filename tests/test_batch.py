@@ -13,12 +13,11 @@ import pytest
 
 import mipbake
 from mipbake.baking import BakeOptions, NotBaked
-from mipbake.baking.results import BakedSet, Planned, Result, Unchanged
+from mipbake.baking.results import BakedSet, Planned, Result
 from mipbake.base.errors import UsageError
 from mipbake.library import BatchOptions, Shard, bake_library
 from mipbake.library import state as batch_state
 from mipbake.library import task as batch_task
-from mipbake.source.options import LoadOptions
 
 from .batch_inline import LINEAR, Inline, aged, bake, counts, inline_workers, only, small_library
 from .command_line import tree, write_png, write_set
@@ -30,29 +29,13 @@ __all__ = ["inline_workers", "small_library"]
 
 
 @pytest.mark.long
-def test_what_has_not_changed_is_not_looked_into(library: Path, inline: Inline) -> None:
-    assert counts(bake(library)) == (2, 0, 0)
-    out = library.parent / "out"
-    assert (out / "metals/steel/steel/stack.json").is_file() and (out / "wood/wood/stack.json").is_file()
-    inline.labels.clear()
-    assert counts(bake(library)) == (0, 2, 0)
-    assert inline.labels == []
-    assert counts(bake(library, force=True)) == (2, 0, 0)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("with_list", [True, False])
-def test_what_killed_processes_left_beside_unchanged_results_goes(
-    library: Path, inline: Inline, with_list: bool
-) -> None:
+def test_what_killed_processes_left_beside_unchanged_results_goes(library: Path, inline: Inline) -> None:
     two_textures(png("normal a"), png("mr")).write(library / "bolt", "glb")
     aged(library, 100.0)
     options = BakeOptions(method="linear", max_level=0)
     bake(library, options)
     out = library.parent / "out"
     assert (out / "bolt.glb/bolt.glb").is_file()
-    if not with_list:
-        shutil.rmtree(out / ".mipbake")
     before = [name for name in tree(out) if ".mipbake" not in name]
     for name in ("wood/wood", "metals/steel/steel", "bolt.glb/bolt.glb", "wood/mipbake-trial"):
         for suffix in ("partial",) if "trial" in name else ("partial", "old"):
@@ -75,15 +58,6 @@ def test_a_result_that_was_moved_aside_comes_back_unchanged(library: Path, inlin
     assert (place / "stack.json").is_file()
 
 
-@pytest.mark.long
-def test_results_are_those_of_a_bake_without_a_batch(library: Path, inline: Inline) -> None:
-    bake(library)
-    mipbake.bake_all(library / "wood", library.parent / "alone", LINEAR)
-    one, other = library.parent / "alone/wood", library.parent / "out/wood/wood"
-    assert tree(one) == tree(other)
-    assert all((one / name).read_bytes() == (other / name).read_bytes() for name in tree(one))
-
-
 def test_a_file_of_another_time_and_the_same_content(library: Path, inline: Inline) -> None:
     bake(library)
     out = library.parent / "out"
@@ -102,29 +76,6 @@ def test_a_file_that_was_just_written_is_looked_into(
     bake(library)
     bake(library)
     assert inline.labels == ["metals/steel", "wood"]
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("with_list", [True, False])
-def test_one_map_changes(library: Path, inline: Inline, with_list: bool) -> None:
-    bake(library)
-    write_png(library / "wood/roughness.png", np.full((16, 16), 91, np.uint8))
-    aged(library, 5.0)
-    if not with_list:
-        shutil.rmtree(library.parent / "out" / ".mipbake")
-    summary = bake(library)
-    assert counts(summary) == (1, 1, 0)
-    assert only(summary, BakedSet).source == library / "wood"
-
-
-@pytest.mark.long
-def test_all_maps_change(library: Path, inline: Inline) -> None:
-    """Somebody exports a set anew. Alone, a bake would take it for another set of the same name."""
-    bake(library)
-    shutil.rmtree(library / "wood")
-    write_set(library / "wood", **{name: np.full((16, 16, 3), 128, np.uint8) for name in ("base_color", "roughness")})
-    write_png(library / "wood/normal.png", np.tile(np.uint8([128, 128, 255]), (16, 16, 1)))
-    assert counts(bake(library)) == (1, 1, 0)
 
 
 def test_another_set_of_that_name_is_not_written_over(library: Path, inline: Inline, tmp_path: Path) -> None:
@@ -146,16 +97,6 @@ def test_a_map_more_and_a_file_more(library: Path, inline: Inline) -> None:
     assert counts(bake(library)) == (1, 1, 0)
     (library / "wood/ao.png").unlink()
     assert counts(bake(library)) == (1, 1, 0)
-
-
-@pytest.mark.long
-def test_other_options_and_other_ways_to_read(library: Path, inline: Inline) -> None:
-    bake(library)
-    assert counts(bake(library, replace(LINEAR, strength=0.5))) == (2, 0, 0)
-    assert counts(bake(library, replace(LINEAR, strength=0.5))) == (0, 2, 0)
-    clamped = LoadOptions(wrap=("clamp", "wrap"))
-    again = bake_library(library, library.parent / "out", replace(LINEAR, strength=0.5), clamped)
-    assert counts(again) == (2, 0, 0)
 
 
 def changed_manifest(file: Path, **provenance: Any) -> None:
@@ -289,15 +230,20 @@ def test_options_that_cannot_be(library: Path) -> None:
     assert not (library.parent / "out").exists()
 
 
-def test_unchanged_results_say_where_they_are(library: Path, inline: Inline) -> None:
+@pytest.mark.parametrize("text", ["0/3", "4/3", "3", "-1/2"])
+def test_a_shard_that_is_none(text: str) -> None:
+    with pytest.raises(UsageError, match="expected I/N"):
+        Shard.parsed(text)
+
+
+@pytest.mark.long
+def test_all_maps_change(library: Path, inline: Inline) -> None:
+    """Somebody exports a set anew. Alone, a bake would take it for another set of the same name."""
     bake(library)
-    shutil.rmtree(library.parent / "out/.mipbake")
-    found = [each for entry in bake(library).entries for each in entry.results]
-    assert all(isinstance(each, Unchanged) for each in found)
-    assert {each.out for each in found if isinstance(each, Unchanged)} == {
-        library.parent / "out/metals/steel/steel",
-        library.parent / "out/wood/wood",
-    }
+    shutil.rmtree(library / "wood")
+    write_set(library / "wood", **{name: np.full((16, 16, 3), 128, np.uint8) for name in ("base_color", "roughness")})
+    write_png(library / "wood/normal.png", np.tile(np.uint8([128, 128, 255]), (16, 16, 1)))
+    assert counts(bake(library)) == (1, 1, 0)
 
 
 def test_a_result_with_a_defect_is_told_in_the_same_way_again(
@@ -317,45 +263,3 @@ def test_a_result_with_a_defect_is_told_in_the_same_way_again(
     assert inline.labels == []
     assert counts(again) == (0, 0, 2) and again.exit_code == 1
     assert [str(each.error) for each in again.failures] == ["one; two"] * 2
-
-
-@pytest.mark.long
-def test_shards_are_the_library(library: Path, inline: Inline) -> None:
-    for name in ("brass", "copper", "tin"):
-        write_set(library / "more" / name)
-    aged(library)
-    told = [
-        [entry.entry.label for entry in bake(library, shard=Shard(number, 3)).entries if entry.results]
-        for number in (1, 2, 3)
-    ]
-    assert [len(each) for each in told] == [2, 2, 1]
-    everything = sorted(label for each in told for label in each)
-    assert everything == ["metals/steel", "more/brass", "more/copper", "more/tin", "wood"]
-    assert counts(bake(library)) == (0, 5, 0)
-    assert bake(library, shard=Shard(9, 9)).entries == ()
-    assert tree(library.parent / "out/.mipbake") == ["batch.jsonl"]
-    inline.labels.clear()
-    assert counts(bake(library, shard=Shard(2, 3))) == (0, 2, 0) and inline.labels == []
-
-
-@pytest.mark.long
-def test_a_set_that_comes_into_another_shard_is_still_its_own(library: Path, inline: Inline) -> None:
-    """And its maps are others."""
-    for number in (1, 2):
-        bake(library, shard=Shard(number, 2))
-    write_set(library / "a")
-    for folder in ("metals/steel", "wood"):
-        for name, value in (("roughness", 7), ("base_color", 9)):
-            shape = (16, 16, 3) if name == "base_color" else (16, 16)
-            write_png(library / folder / f"{name}.png", np.full(shape, value, np.uint8))
-        write_png(library / folder / "normal.png", np.tile(np.uint8([130, 128, 255]), (16, 16, 1)))
-    found = [bake(library, shard=Shard(number, 2)) for number in (1, 2)]
-    assert [str(each.error) for one in found for each in one.failures] == []
-    assert sum(one.baked for one in found) == 3
-    assert inline.labels
-
-
-@pytest.mark.parametrize("text", ["0/3", "4/3", "3", "a/b", "1/0", "-1/2"])
-def test_a_shard_that_is_none(text: str) -> None:
-    with pytest.raises(UsageError, match="expected I/N"):
-        Shard.parsed(text)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -17,15 +16,13 @@ from mipbake.baking import BakeOptions, NotBaked
 from mipbake.base.errors import InputError, UsageError
 from mipbake.base.leftovers import OLD, PARTIAL
 from mipbake.base.version import __version__
-from mipbake.cli.main import main
-from mipbake.library import BatchListener, BatchOptions, Entry, EntryResult, Summary, bake_library
+from mipbake.library import BatchListener, BatchOptions, Entry, Summary, bake_library
 from mipbake.library.cluster import Order, check_files, followed
-from mipbake.library.results import Progress
 from mipbake.library.task import Task
 from mipbake.source.options import LoadOptions
 
 from .command_line import fails, tree, write_set
-from .test_batch_workers import COMMAND, LINEAR, content, write_library
+from .test_batch_workers import LINEAR, content, write_library
 
 ray = pytest.importorskip("ray", reason="the extra `cluster` has no build for this system")
 from ray.cluster_utils import Cluster  # noqa: E402
@@ -35,11 +32,13 @@ _NODE = {"num_cpus": 1, "object_store_memory": 100 << 20}
 
 @pytest.fixture(name="machines", scope="module")
 def two_machines() -> Iterator[Cluster]:
-    made = Cluster(initialize_head=True, head_node_args={**_NODE, "include_dashboard": False})
-    made.add_node(**_NODE)
-    made.wait_for_nodes()
-    yield made
-    made.shutdown()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("RAY_worker_niceness", "0")  # else others on the machine keep its processes waiting
+        made = Cluster(initialize_head=True, head_node_args={**_NODE, "include_dashboard": False})
+        made.add_node(**_NODE)
+        made.wait_for_nodes()
+        yield made
+        made.shutdown()
 
 
 class Heard(BatchListener):
@@ -85,15 +84,7 @@ def test_results_are_those_of_one_machine(tmp_path: Path, machines: Cluster, mon
     assert tree(Path("out/.mipbake")) == ["batch.jsonl"]
 
 
-def test_the_command(tmp_path: Path, machines: Cluster, capsys: pytest.CaptureFixture[str]) -> None:
-    """Also that `auto` finds the cluster of this machine."""
-    library, out = write_library(tmp_path / "lib", 1), tmp_path / "out"
-    assert machines.address
-    assert main(["bake", str(library), "-r", "-o", str(out), "--method", "linear", "--cluster", "auto"]) == 3
-    told = capsys.readouterr().out
-    assert "found 2 sources, baking with 2 processes" in told and "1 set baked, 0 unchanged, 1 failed" in told
-
-
+@pytest.mark.long
 def test_a_machine_that_does_not_see_the_results_says_so(tmp_path: Path, machines: Cluster) -> None:
     out = tmp_path / "out"
     write_set(tmp_path / "lib" / "steel")
@@ -133,7 +124,7 @@ def at_work() -> list[int]:
 
 @pytest.mark.long
 def test_what_a_process_leaves_when_it_is_killed_is_done_by_others(tmp_path: Path, machines: Cluster) -> None:
-    library = write_library(tmp_path / "lib", 4)
+    library = write_library(tmp_path / "lib", 3)
     killed = threading.Event()
 
     def kill() -> None:
@@ -150,67 +141,13 @@ def test_what_a_process_leaves_when_it_is_killed_is_done_by_others(tmp_path: Pat
     out = tmp_path / "out"
     found = bake(library, out, machines)
     thread.join()
-    assert killed.is_set() and counts(found) in ((4, 0, 1), (3, 1, 1))  # it may have written its result before
+    assert killed.is_set() and counts(found) in ((3, 0, 1), (2, 1, 1))  # it may have written its result before
     bake_library(library, tmp_path / "calm", LINEAR)
     assert content(out) == content(tmp_path / "calm")
     assert not [name for name in tree(out) if name.endswith((PARTIAL, OLD))]
 
 
-@pytest.mark.long
-def test_what_a_machine_leaves_when_it_goes_is_done_by_others(tmp_path: Path, machines: Cluster) -> None:
-    library = write_library(tmp_path / "lib", 4)
-    third = machines.add_node(**_NODE)
-    machines.wait_for_nodes()
-
-    class Removes(BatchListener):
-        done_once = False
-
-        def done(self, result: EntryResult, progress: Progress) -> None:
-            del result, progress
-            if not self.done_once:
-                self.done_once = True
-                machines.remove_node(third)
-
-    assert counts(bake(library, tmp_path / "out", machines, Removes())) in ((4, 0, 1), (3, 1, 1))
-    bake_library(library, tmp_path / "calm", LINEAR)
-    assert content(tmp_path / "out") == content(tmp_path / "calm")
-
-
-def test_more_memory_than_there_is(tmp_path: Path, machines: Cluster) -> None:
-    library = write_library(tmp_path / "lib", 1)
-    with pytest.raises(UsageError, match="the largest machine of the cluster gives"):
-        bake(library, tmp_path / "out", machines, memory=1 << 46)
-    assert not list((tmp_path / "out" / ".mipbake").glob("*shared*"))
-
-
-def slow() -> None:
-    time.sleep(60)
-
-
-@pytest.mark.long
-def test_a_signal_ends_it_soon(tmp_path: Path, machines: Cluster) -> None:
-    """Also where nothing comes from the cluster, because it is at work for others."""
-    library, out = write_library(tmp_path / "lib", 2), tmp_path / "out"
-    ray.init(address=machines.address, log_to_driver=False)
-    try:
-        busy = [ray.remote(num_cpus=1)(slow).remote() for _ in range(2)]
-        arguments = [str(library), "-r", "-o", str(out), "--method", "linear", "--cluster", str(machines.address)]
-        process = subprocess.Popen([*COMMAND, *arguments], stderr=subprocess.PIPE, text=True)
-        end = time.monotonic() + 60
-        while not list((out / ".mipbake").glob("*shared*")) and time.monotonic() < end:
-            time.sleep(0.05)
-        time.sleep(1)
-        process.send_signal(signal.SIGTERM)
-        _, said = process.communicate(timeout=30)
-        assert process.returncode == 128 + signal.SIGTERM, said
-        assert "nothing unfinished" in said and "PC:" not in said, said
-        assert not list((out / ".mipbake").glob("*shared*"))
-        del busy
-    finally:
-        ray.shutdown()
-
-
-@pytest.mark.parametrize("address", ["127.0.0.1:1", "ray://127.0.0.1:1", "nonsense"])
+@pytest.mark.parametrize("address", ["127.0.0.1:1", "nonsense"])
 def test_no_cluster(tmp_path: Path, capsys: pytest.CaptureFixture[str], address: str) -> None:
     library = write_library(tmp_path / "lib", 1)
     (tmp_path / "given").mkdir()
@@ -233,3 +170,11 @@ def test_a_dry_run_needs_no_cluster(tmp_path: Path) -> None:
     library = write_library(tmp_path / "lib", 1)
     options = BatchOptions(cluster="127.0.0.1:1", dry_run=True)
     assert bake_library(library, tmp_path / "out", LINEAR, None, options).planned == 1
+
+
+@pytest.mark.long
+def test_more_memory_than_there_is(tmp_path: Path, machines: Cluster) -> None:
+    library = write_library(tmp_path / "lib", 1)
+    with pytest.raises(UsageError, match="the largest machine of the cluster gives"):
+        bake(library, tmp_path / "out", machines, memory=1 << 46)
+    assert not list((tmp_path / "out" / ".mipbake").glob("*shared*"))

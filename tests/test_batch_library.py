@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -21,14 +22,6 @@ def make(root: Path, *names: str) -> Path:
         file.parent.mkdir(parents=True, exist_ok=True)
         file.touch()
     return root
-
-
-def none(_document: Path) -> Iterable[Path]:
-    return ()
-
-
-def below(root: Path, out: Path | None = None, files_of=none) -> tuple[Entry, ...]:
-    return entries_below([root], out or root.parent / "out", files_of).entries
 
 
 def results(*sources: Path, recursive: bool = True) -> dict[str, str]:
@@ -85,7 +78,7 @@ def test_what_is_passed_over(tmp_path: Path) -> None:
     )
     (root / "baked/set/stack.json").write_text('{"schema": "mipbake-stack"}')
     (root / "set/round").symlink_to(root)
-    library = entries_below([root], root / "out", none)
+    library = entries_below([root], root / "out")
     assert [entry.label for entry in library.entries] == ["set"]
     (note,) = library.notes
     assert "previews" in note and "tell no map" in note
@@ -97,59 +90,44 @@ def test_what_lies_in_the_library_comes_before_links_to_it(tmp_path: Path) -> No
     (root / "a").mkdir()
     (root / "a" / "again").symlink_to(root / "steel")
     (root / "a" / "oak").symlink_to(tmp_path / "store" / "oak")
-    library = entries_below([root], tmp_path / "out", none)
+    library = entries_below([root], tmp_path / "out")
     assert sorted(entry.label for entry in library.entries) == ["a/oak", "steel"]
     (note,) = library.notes
     assert note.startswith(f"{root / 'a' / 'again'} is left out: it is a link to ")
 
 
+def document(*images: str) -> str:
+    """glTF that shows images."""
+    return json.dumps({"asset": {"version": "2.0"}, "images": [{"uri": each} for each in images]})
+
+
 def test_images_that_a_document_beside_their_folder_shows_are_not_left_out(tmp_path: Path) -> None:
-    root = make(tmp_path / "lib", "chair.gltf", "chair/one.png", "chair/two.png")
-    images = [root / "chair/one.png", root / "chair/two.png"]
-    assert entries_below([root], tmp_path / "out", lambda _: images).notes == ()
-    (note,) = entries_below([root], tmp_path / "out", lambda _: images[:1]).notes
+    root = make(tmp_path / "lib", "chair/one.png", "chair/two.png")
+    (root / "chair.gltf").write_text(document("chair/one.png", "chair/two.png"))
+    assert entries_below([root], tmp_path / "out").notes == ()
+    (root / "chair.gltf").write_text(document("chair/one.png"))
+    (note,) = entries_below([root], tmp_path / "out").notes
     assert "chair is left out" in note
 
 
-def test_textures_belong_to_the_folder_around_them(tmp_path: Path) -> None:
-    root = make(
-        tmp_path / "lib", *(f"set/textures/{name}" for name in MAPS), "scene/scene.gltf", "scene/textures/a.png"
-    )
-    assert labels(below(root)) == {"set", "scene/scene.gltf"}
-
-
 def test_maps_beside_a_document_are_its_own_or_a_set(tmp_path: Path) -> None:
-    root = make(tmp_path / "lib", "s/s.gltf", *(f"s/{name}" for name in MAPS))
-    assert labels(below(root, files_of=lambda _: [root / "s" / name for name in MAPS])) == {"s/s.gltf"}
-    assert labels(below(root)) == {"s/s.gltf", "s"}
-
-
-def test_a_broken_document_is_a_source(tmp_path: Path) -> None:
-    root = make(tmp_path / "lib", "s/s.gltf", "s/x_normal.png")
-
-    def broken(_document: Path) -> Iterable[Path]:
-        raise InputError("broken")
-
-    assert labels(below(root, files_of=broken)) == {"s/s.gltf"}
+    root = make(tmp_path / "lib", *(f"s/{name}" for name in MAPS), *(f"t/textures/{name}" for name in MAPS))
+    (root / "s/s.gltf").write_text(document(*MAPS))
+    assert labels(entries_below([root], tmp_path / "out").entries) == {"s/s.gltf", "t"}
+    (root / "s/s.gltf").write_text("broken")
+    assert labels(entries_below([root], tmp_path / "out").entries) == {"s/s.gltf", "s", "t"}
 
 
 def test_names_say_more_than_the_materialx_document_beside_them(tmp_path: Path) -> None:
     root = make(tmp_path / "lib", "s/s.mtlx", *(f"s/{name}" for name in MAPS))
-    library = entries_below([root], tmp_path / "out", none)
+    library = entries_below([root], tmp_path / "out")
     assert [entry.label for entry in library.entries] == ["s"]
     assert "s.mtlx is left out" in library.notes[0]
-
-
-def test_files_among_the_roots_and_several_roots(tmp_path: Path) -> None:
-    one, two = (make(tmp_path / name, *(f"w/{each}" for each in MAPS)) for name in ("one", "two"))
-    archive = make(tmp_path, "x.zip") / "x.zip"
-    found = entries_below([one, two, archive], tmp_path / "out", none).entries
-    assert [each.label for each in found] == [str(one / "w"), str(two / "w"), str(archive)]
 
 
 def test_nothing_to_bake(tmp_path: Path) -> None:
     root = make(tmp_path / "lib", "previews/sphere.jpg")
     with pytest.raises(InputError, match=r"nothing below .* can be baked.*previews is left out"):
-        below(root)
+        entries_below([root], tmp_path / "out")
     with pytest.raises(InputError, match="does not exist"):
-        below(tmp_path / "no")
+        entries_below([tmp_path / "no"], tmp_path / "out")

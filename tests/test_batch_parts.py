@@ -10,12 +10,13 @@ import pytest
 
 import mipbake
 from mipbake.baking import BakeOptions
-from mipbake.library import BatchOptions, Chosen, Shard, bake_library
-from mipbake.library.listing import found_library, sets_in
+from mipbake.library import Chosen, Shard, bake_library
+from mipbake.library.listing import found_library
 from mipbake.source.options import LoadOptions
 
 from .batch_inline import LINEAR, Inline, aged, bake, counts, inline_workers
 from .command_line import write_png
+from .test_batch_workers import content
 
 __all__ = ["inline_workers"]
 """A fixture."""
@@ -45,21 +46,9 @@ def labels(root: Path) -> list[str]:
     return [each.label for each in found_library([root], root.parent / "out", lambda _: READ).entries]
 
 
-def contents(root: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(root)): path.read_bytes() for path in root.rglob("*") if path.is_file()}
-
-
 def test_each_set_is_an_entry(flat: Path) -> None:
     assert labels(flat) == ["props/Body", "props/Head", "props/Left_Arm", "wood"]
     assert labels(flat / "props") == ["Body", "Head", "Left_Arm"]
-
-
-def test_sources_that_are_named_hold_several_sets_as_well(flat: Path) -> None:
-    found = found_library([flat / "props", flat / "wood"], flat.parent / "out", lambda _: READ, recursive=False)
-    assert [each.label for each in found.entries] == [
-        *(f"{flat / 'props'}/{name}" for name in ("Body", "Head", "Left_Arm")),
-        str(flat / "wood"),
-    ]
 
 
 def test_results_are_those_of_a_bake_of_the_folder(flat: Path, inline: Inline) -> None:
@@ -67,21 +56,7 @@ def test_results_are_those_of_a_bake_of_the_folder(flat: Path, inline: Inline) -
     assert inline.labels == ["props/Body", "props/Head", "props/Left_Arm", "wood"]
     mipbake.bake_all(flat / "props", flat.parent / "alone", LINEAR)
     one, other = flat.parent / "alone", flat.parent / "out/props"
-    assert contents(one) == contents(other) != {}
-
-
-@pytest.mark.long
-def test_results_of_tiles_are_those_of_a_bake_of_the_folder(tmp_path: Path, inline: Inline) -> None:
-    root = tmp_path / "lib"
-    for name in ("Body", "Head"):
-        for tile in (1001, 1002, 1014):
-            write_maps(root / "props", name, 60, f".{tile}")
-    assert labels(aged(root)) == ["props/Body", "props/Head"]
-    bake(root)
-    mipbake.bake_all(root / "props", tmp_path / "alone", LINEAR)
-    one, other = tmp_path / "alone", tmp_path / "out/props"
-    assert contents(one) == contents(other) != {}
-    assert {path.name for path in other.iterdir()} == {"Body", "Head"}
+    assert content(one) == content(other) != {}
 
 
 @pytest.mark.long
@@ -94,47 +69,6 @@ def test_one_set_changes_or_is_added(flat: Path, inline: Inline) -> None:
     assert counts(bake(aged(flat, 5.0))) == (2, 3, 0)
     told = json.loads((flat.parent / "out/props/Head/stack.json").read_text())
     assert told["name"] == "Head"
-
-
-@pytest.mark.long
-def test_nothing_but_a_changed_set_is_looked_into(flat: Path, inline: Inline) -> None:
-    bake(flat)
-    write_maps(flat / "props", "Head", 200)
-    assert counts(bake(flat)) == (1, 3, 0)
-    assert inline.labels == ["props/Head"]
-
-
-@pytest.mark.long
-def test_what_cannot_be_read_keeps_no_other_of_its_folder(flat: Path, inline: Inline) -> None:
-    (flat / "props/Head_Normal.png").write_bytes(b"no image")
-    summary = bake(flat)
-    assert counts(summary) == (3, 0, 1)
-    (failed,) = [each for each in summary.entries if each.failures]
-    assert failed.entry.label == "props/Head"
-    assert "Head_Normal.png" in str(failed.failures[0].error)
-
-
-@pytest.mark.long
-def test_options_of_one_set(flat: Path, inline: Inline) -> None:
-    def choose(label: str) -> Chosen:
-        return Chosen(LINEAR, LoadOptions(normal_convention="directx") if label == "props/Head" else READ)
-
-    bake_library(flat, flat.parent / "out", batch=BatchOptions(), choose=choose)
-    again = bake(flat)  # with the options that two of the three had
-    assert counts(again) == (1, 3, 0) and inline.labels.count("props/Head") == 1
-
-
-@pytest.mark.long
-def test_patterns_of_maps_tell_sets_apart(tmp_path: Path, inline: Inline) -> None:
-    root = tmp_path / "lib"
-    for name in ("Body", "Head"):
-        write_maps(root / "props", name)
-        (root / "props" / f"{name}_Roughness.png").rename(root / "props" / f"{name}_Xq.png")
-    aged(root)
-    load = LoadOptions(maps={"roughness": "*_Xq.png"})
-    summary = bake_library(root, tmp_path / "out", LINEAR, load)
-    assert [each.entry.label for each in summary.entries] == ["props/Body", "props/Head"]
-    assert counts(summary) == (2, 0, 0)
 
 
 @pytest.mark.long
@@ -168,12 +102,3 @@ def test_a_set_in_a_folder_and_a_folder_of_its_name(flat: Path, inline: Inline) 
     summary = bake(flat)
     assert counts(summary) == (4, 0, 1)
     assert f"the result of {flat / 'props'} lies there as well" in str(summary.failures[0].error)
-
-
-@pytest.mark.long
-def test_folders_of_one_set_and_stacks_are_left_whole(flat: Path) -> None:
-    assert sets_in(flat / "wood", READ) == {}
-    mipbake.bake_all(flat / "props", flat.parent / "out", LINEAR)
-    assert sets_in(flat.parent / "out/Body", READ) == {}
-    assert sets_in(flat / "props/Body_Normal.png", READ) == {}
-    assert sets_in(flat / "props", LoadOptions(name="x")) == {}  # which its own turn says is wrong

@@ -59,8 +59,10 @@ filter = "box"
     )
     assert both.settings["strength"] == Setting(0.5, "mipbake.toml, line 10")
     assert both.settings["method"].origin == "mipbake.toml, line 6"
-    given = project.chosen("metals/iron", {"strength": Setting(0.25, COMMAND_LINE)})
+    maps = Setting({"metallic": "none"}, COMMAND_LINE)
+    given = project.chosen("metals/iron", {"strength": Setting(0.25, COMMAND_LINE), "map": maps})
     assert given.options.strength == 0.25 and given.settings["strength"].origin == COMMAND_LINE
+    assert given.load.maps == {"roughness": "*_Rgh.png", "metallic": None, "occlusion": None}  # role by role
 
 
 def test_a_pattern_for_a_folder_is_about_all_in_it(tmp_path: Path) -> None:
@@ -89,22 +91,17 @@ def test_patterns_that_match_nothing_are_told(tmp_path: Path) -> None:
     ("text", "said"),
     [
         ("jobs = 0\n", "mipbake.toml, line 3: jobs is 0: expected 1 or more"),
-        ('jobs = "2"\n', "mipbake.toml, line 3: jobs is '2': expected a whole number"),
         ("jobs = true\n", "mipbake.toml, line 3: jobs is True: expected a whole number"),
         ('memory = "much"\n', "mipbake.toml, line 3: the size of memory 'much' cannot be read"),
         ("job = 2\n", "mipbake.toml, line 3: unknown key 'job': expected one of library, out, jobs"),
-        ("options = 1\n", "mipbake.toml, line 3: options is no table"),
         ("sets = 1\n", "mipbake.toml, line 3: sets is no list of tables"),
         ('[options]\n\n# a\nmethods = "x"\n', "mipbake.toml, line 6: unknown option 'methods': expected one of aim"),
         ('[options]\nmethod = "x"\n', "mipbake.toml, line 4: unknown method 'x'"),
         ('options = { method = "linear", strength = "q" }\n', "mipbake.toml, line 3: strength is 'q'"),
         ('sets = [\n  {match = "a", strength = "x"}\n]\n', "mipbake.toml, line 3: strength is 'x'"),
-        ("[options]\nmethod = 1\n", "mipbake.toml, line 4: method is 1: expected text in quotes"),
         ("[options]\nstrength = true\n", "mipbake.toml, line 4: strength is True: expected a number"),
-        ("[options]\nstrength = 2\n", "mipbake.toml, line 4: "),
         ('[options]\nmap = "x"\n', "mipbake.toml, line 4: map is 'x': expected a table"),
         ('[options]\nwrap-u = "mirror"\n', "mipbake.toml, line 4: wrap is 'mirror'"),
-        ('[[sets]]\nstrength = 1\n[[sets]]\nmatch = "a"\n', "mipbake.toml, line 3: a table of sets has no match"),
         ('[[sets]]\nmatch = "a"\n[[sets]]\nmatch = 1\n', "mipbake.toml, line 6: a table of sets has no match"),
         ('[[sets]]\nmatch = "a"\nmap.rough = "x"\n', "mipbake.toml, line 5: unknown map 'rough'"),
         ("x = [\n", "is not TOML: "),
@@ -162,19 +159,3 @@ def test_what_does_not_go_together_is_told_where_it_meets(tmp_path: Path) -> Non
     project = read_project(written(tmp_path, '[[sets]]\nmatch = "a"\nmethod = "lean"\nbudget = "9s"\n'))
     with pytest.raises(UsageError, match=r"^mipbake\.toml, line 5, mipbake\.toml, line 6: method lean takes no budget"):
         project.chosen("a")
-
-
-def test_maps_are_merged_role_by_role(tmp_path: Path) -> None:
-    text = '[options]\nmap.metallic = "0.5"\n[[sets]]\nmatch = "a"\nmap.occlusion = "None"\n[sets.map]\nheight = 0.25\n'
-    with pytest.raises(UsageError, match="not TOML"):  # a table that is set twice
-        read_project(written(tmp_path, text))
-    project = read_project(written(tmp_path, text.replace('map.occlusion = "None"\n', "")))
-    assert project.chosen("a").load.maps == {"metallic": 0.5, "height": 0.25}
-    given = {"map": Setting({"height": "none"}, COMMAND_LINE)}
-    assert project.chosen("a", given).load.maps == {"metallic": 0.5, "height": None}
-
-
-def test_a_large_file_is_read_at_once(tmp_path: Path) -> None:
-    tables = "".join(f'[[sets]]\nmatch = "set{i}/*"\nstrength = 0.5\nwrap-u = "clamp"\n' for i in range(300))
-    project = read_project(written(tmp_path, tables))
-    assert project.rules[299].settings["wrap-u"].origin == f"mipbake.toml, line {3 + 4 * 299 + 3}"

@@ -76,12 +76,12 @@ def test_entries_that_changed_files_belong_to(tmp_path: Path) -> None:
     for name in ("a", "b"):
         write_set(root / name)
     bake_library(root, out, LINEAR, None, BatchOptions())
-    library = entries_below([root], out, lambda _: ())
+    library = entries_below([root], out)
     looked: list[int] = []
 
     def find() -> Library:
         looked.append(1)
-        return entries_below([root], out, lambda _: ())
+        return entries_below([root], out)
 
     states = States(out, write=False)
     whole, part = touched(library, {root / "a" / "normal.png"}, states, find)

@@ -10,7 +10,6 @@ import shlex
 import signal
 import subprocess
 import sys
-import textwrap
 import threading
 import time
 from pathlib import Path
@@ -24,7 +23,7 @@ from mipbake.cli.main import main
 from mipbake.library import BatchOptions, bake_library
 from mipbake.library.workers import Share
 
-from .command_line import fails, tree, write_png, write_set
+from .command_line import tree, write_png, write_set
 
 LINEAR = BakeOptions(method="linear", format="png", max_level=1)
 COMMAND = [sys.executable, "-m", "mipbake.cli.main", "bake"]
@@ -99,7 +98,7 @@ def test_what_kills_a_process_twice_is_a_failure(tmp_path: Path) -> None:
 @pytest.mark.long
 @needs_signals
 def test_a_batch_that_is_killed_goes_on_where_it_was(tmp_path: Path) -> None:
-    library = write_library(tmp_path / "lib")
+    library = write_library(tmp_path / "lib", 4)
     out, log = tmp_path / "out", tmp_path / "log.jsonl"
     command = [*COMMAND, str(library), "-r", "-o", str(out), "-j", "2", "--method", "linear", "--json-log", str(log)]
     rng, baked = random.Random(1), []
@@ -109,7 +108,7 @@ def test_a_batch_that_is_killed_goes_on_where_it_was(tmp_path: Path) -> None:
         told = [json.loads(line) for line in lines if line.endswith("\n")]
         return [each["entry"] for each in told if "files" in each]
 
-    for number in (signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGKILL):
+    for number in (signal.SIGKILL, signal.SIGTERM):
         log.unlink(missing_ok=True)
         process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
         before = len(baked)
@@ -166,24 +165,11 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("batch", [[], ["--jobs", "1"]])
-def test_who_forgot_that_folders_hold_folders_is_told(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], batch: list[str]
-) -> None:
+def test_who_forgot_that_folders_hold_folders_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     library = write_library(tmp_path / "lib", 2)
-    assert main(["bake", str(library), "-o", str(tmp_path / "out"), "--method", "linear", *batch]) == 3
+    assert main(["bake", str(library), "-o", str(tmp_path / "out"), "--method", "linear", "--jobs", "1"]) == 3
     told = capsys.readouterr()
     assert f"note: --recursive bakes what lies below {library}: 3 sources" in told.out
-    assert main(["bake", str(library / "group0/set0"), "-o", str(tmp_path / "out"), "--method", "linear", *batch]) == 0
-    assert "--recursive" not in capsys.readouterr().out
-
-
-def test_a_log_that_cannot_be_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    library = write_library(tmp_path / "lib", 1)
-    place = tmp_path / "no" / "log.jsonl"
-    place.parent.write_text("a file, and no folder")
-    said = fails(capsys, 4, "bake", library, "-r", "-o", tmp_path / "out", "--json-log", place)
-    assert f"cannot write {place}" in said
 
 
 @needs_signals
@@ -193,57 +179,3 @@ def test_no_process_can_be_begun(tmp_path: Path) -> None:
     script = "ulimit -n 12 && exec " + " ".join(map(shlex.quote, command))
     run = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=False, timeout=120)
     assert run.returncode != 0 and "Traceback" not in run.stderr, run.stderr
-
-
-@pytest.mark.long
-@needs_signals
-def test_a_batch_that_is_stopped_leaves_no_temporary_files(tmp_path: Path) -> None:
-    library, scratch = write_library(tmp_path / "lib", 4), tmp_path / "tmp"
-    scratch.mkdir()
-    command = [*COMMAND, str(library), "-r", "-o", str(tmp_path / "out"), "-j", "2", "--method", "linear"]
-    process = subprocess.Popen(
-        command,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "TMPDIR": str(scratch)},
-        start_new_session=True,
-    )
-    end = time.monotonic() + 60
-    while not list(scratch.glob("*/*")) and time.monotonic() < end:
-        time.sleep(0.01)
-    os.killpg(process.pid, signal.SIGINT)
-    _, told = process.communicate(timeout=60)
-    assert list(scratch.iterdir()) == [] and "Traceback" not in told, told
-
-
-@pytest.mark.long
-@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="reads the signals of a process from /proc")
-def test_signals_wait_from_the_first_moment_of_a_process(tmp_path: Path) -> None:
-    script = """
-        import multiprocessing, threading, time
-        from pathlib import Path
-        from mipbake.library import BatchOptions, bake_library
-        from mipbake.baking import BakeOptions
-
-        def watch():
-            while not (begun := multiprocessing.active_children()):
-                time.sleep(0.001)
-            status = Path(f"/proc/{begun[0].pid}/status").read_text()
-            blocked = next(line for line in status.splitlines() if line.startswith("SigBlk"))
-            print("blocked", int(blocked.split()[1], 16))
-
-        if __name__ == "__main__":
-            watcher = threading.Thread(target=watch)
-            watcher.start()
-            options = BakeOptions(method="linear", format="png", max_level=1)
-            bake_library(LIBRARY, OUT, options, batch=BatchOptions(jobs=2))
-            watcher.join()
-    """
-    library = write_library(tmp_path / "lib", 2)
-    place = tmp_path / "batch.py"
-    script = textwrap.dedent(script).replace("LIBRARY", repr(str(library))).replace("OUT", repr(str(tmp_path / "out")))
-    place.write_text(script)
-    run = subprocess.run([sys.executable, str(place)], capture_output=True, text=True, check=True, timeout=120)
-    (mask,) = (int(line.split()[1]) for line in run.stdout.splitlines() if line.startswith("blocked"))
-    assert all(mask & 1 << (number - 1) for number in (signal.SIGINT, signal.SIGTERM)), run.stdout

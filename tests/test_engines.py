@@ -14,7 +14,7 @@ import pytest
 
 ENGINES = Path(__file__).parents[1] / "benchmarks" / "engines"
 
-pytestmark = pytest.mark.independent
+pytestmark = [pytest.mark.independent, pytest.mark.long]
 
 
 @pytest.fixture

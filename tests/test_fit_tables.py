@@ -43,14 +43,6 @@ def test_words_count_what_is_ahead_equal_and_behind(monkeypatch: pytest.MonkeyPa
     )
 
 
-def test_a_mean_is_never_minus_zero(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(ROOT / "benchmarks")
-    tables = importlib.import_module("fit_tables")
-    equal, others = {"linear": 9.0, "lean": 9.0, "auto": 9.0}, {"near": 9.0, "1:1": 9.0, "middle": 9.0, "far": 8.9}
-    data = {"renderers": {"gl": {"a": one({scale: equal | STAGED | {"fitted": snr} for scale, snr in others.items()})}}}
-    assert tables.words(data, "snr").endswith("the difference to the best of them is +0.0 dB.")
-
-
 def test_stages_add_up(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(ROOT / "benchmarks")
     tables = importlib.import_module("fit_tables")

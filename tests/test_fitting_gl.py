@@ -129,12 +129,6 @@ def test_a_plane_that_passes_behind_the_camera_has_the_librarys_footprints(made:
     assert both.mean() > 0.3 and np.abs(frame.lod - other.lod)[both].max() < 0.01
 
 
-def test_texture_without_help_is_close_where_footprints_are_alike(made: Made, stack: list[np.ndarray]) -> None:
-    exact = made(SHOW_COLOUR).render(levels_of(stack, "gltf"), PLANE).image
-    implicit = made(SHOW.format("texture(base_color_map, s.uv).rgb")).render(levels_of(stack, "gltf"), PLANE).image
-    assert np.abs(exact - implicit).max() > 0 and scenes.decibels(implicit, exact.astype(np.float64)) > 25
-
-
 def test_all_maps_of_anisotropy_arrive(made: Made) -> None:
     levels = levels_of(stack_of(material("gltf-anisotropic", 16, 16), "gltf-anisotropic").levels, "gltf-anisotropic")
     shown = "vec3(look_up(anisotropy_direction_map).rg, look_up(anisotropy_strength_map).r)"
@@ -156,46 +150,7 @@ def test_rgba8_rounds_to_the_nearest_step(made: Made) -> None:
     assert np.abs(colour - srgb_to_linear(rounded[:3])).max() < 2e-3
 
 
-def test_lookups_between_rounded_texels_are_finer_than_their_steps(made: Made) -> None:
-    ramp = flat([0.5] * 8, 2)
-    ramp.maps["roughness"][0] = np.array([[10, 20], [10, 20]], np.float32)[..., None] / 255  # type: ignore[index]
-    close = replace(FLAT, size=(64, 64))
-    row = made(SHOW.format("look_up(roughness_map).rrr")).render(ramp, close).image[32, :, 0] * 255
-    assert len(np.unique(row.round(2))) >= 30
-
-
-def test_values_beyond_the_range_are_clipped(made: Made) -> None:
-    shown = SHOW.format("vec3(look_up(metallic_map).r, look_up(roughness_map).r, look_up(normal_map).z)")
-    image = made(shown).render(flat([0.5, 0.5, 0.5, -0.2, 1.3, 0.5, 0.5, 1.0]), FLAT).image
-    assert np.allclose(image, [0, 1, 1])
-
-
-def test_a_level_is_uploaded_when_its_stamp_is_new(made: Made) -> None:
-    renderer = made(SHOW.format("vec3(look_up(roughness_map).r)"))
-    first = renderer.render(flat([0.25] * 8, stamp=1_001), FLAT).image
-    same_stamp = renderer.render(flat([0.75] * 8, stamp=1_001), FLAT).image
-    other_stamp = renderer.render(flat([0.75] * 8, stamp=1_002), FLAT).image
-    assert np.allclose(first, 64 / 255) and np.allclose(same_stamp, 64 / 255) and np.allclose(other_stamp, 191 / 255)
-
-
-def test_levels_are_uploaded_one_by_one(made: Made) -> None:
-    renderer = made(SHOW.format("vec3(look_up(roughness_map).r)"))
-    sizes = [4, 2, 1]
-    far = replace(FLAT, mesh=shapes.plane(2.0, 2.0, (8.0, 8.0)))  # 2 texels a pixel: level 1
-
-    def of(values: Sequence[float], stamps: Sequence[int]) -> Levels:
-        parts = [flat([value] * 8, size) for value, size in zip(values, sizes, strict=True)]
-        maps = {name: [part.maps[name][0] for part in parts] for name in parts[0].maps}
-        return Levels("gltf", maps, ("wrap", "wrap"), stamps_of([(size, size) for size in sizes], stamps))
-
-    assert np.allclose(renderer.render(of([0.2, 0.4, 0.6], [1, 2, 3]), far).lod, 1, atol=1e-4)
-    assert np.allclose(renderer.render(of([0.2, 0.4, 0.6], [1, 2, 3]), far).image, 0.4, atol=1e-4)
-    assert np.allclose(renderer.render(of([0.2, 0.8, 0.6], [1, 4, 3]), far).image, 0.8, atol=1e-4)
-    near = renderer.render(of([0.2, 0.8, 0.6], [1, 4, 3]), replace(FLAT, mesh=shapes.plane(2.0, 2.0, (0.5, 0.5)))).image
-    assert np.allclose(near, 0.2, atol=1e-4)
-
-
-@pytest.mark.parametrize("size", [(100, 75), (75, 100), (130, 300)])
+@pytest.mark.parametrize("size", [(100, 75), (130, 300)])
 def test_tiles_are_uploaded_one_by_one(made: Made, size: tuple[int, int]) -> None:
     renderer = made("clearcoat")
     views = [replace(FLAT, size=(32, 32), mesh=shapes.plane(2.0, 2.0, (n, n))) for n in (0.25, 1.0, 4.0, 16.0)]
@@ -212,7 +167,7 @@ def test_a_source_of_one_level_and_its_stack_do_not_mix(made: Made) -> None:
     assert renderer.render(one, far).lod.max() == 0 and renderer.render(many, far).lod.min() == 2
 
 
-@pytest.mark.parametrize("wrap", [("wrap", "wrap"), ("clamp", "wrap"), ("wrap", "clamp"), ("clamp", "clamp")])
+@pytest.mark.parametrize("wrap", [("clamp", "wrap"), ("wrap", "clamp")])
 def test_maps_repeat_or_end(made: Made, wrap: tuple[str, str]) -> None:
     level = material("gltf", 16, 16)
     twice = replace(FLAT, mesh=shapes.plane(2.0, 2.0, (2.0, 2.0)))
@@ -229,15 +184,6 @@ def test_maps_repeat_or_end(made: Made, wrap: tuple[str, str]) -> None:
 
 
 # ---- views
-
-
-def test_an_offset_moves_the_sampling_points(made: Made) -> None:
-    renderer = made(SHOW_COLOUR)
-    levels = flat([0.5] * 8)
-    still, moved = renderer.render(levels, FLAT), renderer.render(levels, FLAT.moved(0.25, 0.5))
-    shift = np.asarray(moved.uv) - still.uv
-    inside = (still.id > 0) & (moved.id > 0)
-    assert np.allclose(shift[inside], [0.25 / 16, -0.5 / 16], atol=1e-6)
 
 
 def test_rows_run_from_the_top_and_v_down(made: Made) -> None:
@@ -266,21 +212,6 @@ def test_shipped_shaders_render(made: Made, stack: list[np.ndarray], name: str) 
         assert np.array_equal(getattr(first, what), getattr(again, what))
 
 
-def test_a_coat_is_a_highlight_of_its_own(made: Made) -> None:
-    up = View("mirror", "near", FLAT.mesh, ABOVE, directional("up", [[0, 1, 0]], [[1, 1, 1]]), (17, 17))
-    dull = flat([0.0, 0.0, 0.0, 0.0, 1.0, 0.5, 0.5, 1.0])
-    plain, coated = (made(name).render(dull, up).image[8, 8] for name in ("gltf", "clearcoat"))
-    # Seen and lit along the normal: F D V = 0.04 / (4 pi alpha^2), and a base that is left with 0.96.
-    assert np.allclose(coated, 0.96 * plain + 0.04 / (4 * np.pi * 0.1**4), rtol=0.01)
-
-
-def test_the_ramp_has_few_steps(made: Made) -> None:
-    white = flat([1.0, 1.0, 1.0, 0.0, 1.0, 0.5, 0.5, 1.0])
-    one = replace(BALL, lighting=directional("one", [[0, 1, 1]], [[3, 3, 3]]))
-    frame = made("ramp").render(white, one)
-    assert 3 <= len(np.unique(frame.image[frame.id > 0][:, 0].round(3))) <= 12
-
-
 # ---- errors
 
 
@@ -288,11 +219,8 @@ def test_the_ramp_has_few_steps(made: Made) -> None:
     ("shader", "told"),
     [
         ("// one\nvec3 shade(Surface s) {\n  return nothing;\n}\n", r"mine\.glsl does not compile.*\n.*\b3\b.*nothing"),
-        ("vec3 shade(Surface s) {\n  return vec3(1.0;\n}", r"does not compile.*\n.*\b2\b"),
         ("vec3 other(Surface s) { return vec3(1.0); }", "mine.glsl has no function `shade`"),
         ("// vec3 shade(Surface s) { return vec3(1.0); }", "has no function `shade`"),
-        ("vec3 shade(Surface s);", "has no function `shade`"),
-        ("vec4 shade(Surface s) { return vec4(1.0); }", "expected `vec3 shade"),
         ("#version 330\nvec3 shade(Surface s) { return vec3(1.0); }", "leave it out"),
     ],
 )
@@ -308,25 +236,17 @@ def test_what_cannot_be_rendered_is_told(made: Made, stack: list[np.ndarray]) ->
         renderer.render(levels_of(other, "ggx"), PLANE)
     with pytest.raises(UsageError, match=r"looks up anisotropy_strength_map, which .* gltf does not have"):
         made(SHOW.format("look_up(anisotropy_strength_map).rrr")).render(levels, PLANE)
-    with pytest.raises(UsageError, match="expected each half as large"):
-        renderer.render(levels_of([stack[0], stack[2]], "gltf"), PLANE)
     many = directional("many", np.ones((MAX_LIGHTS + 1, 3)), np.ones((MAX_LIGHTS + 1, 3)))
     with pytest.raises(UsageError, match="65 lights: expected at most 64"):
         renderer.render(levels, replace(PLANE, lighting=many))
 
 
-def test_a_shader_that_is_not_there_is_told() -> None:
+def test_what_is_missing_is_said(driver: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(UsageError, match=r"the shader toon cannot be read .*: expected gltf, clearcoat, ramp, or a"):
         RendererChoice("gl", "toon").made()
-
-
-def test_without_a_driver_it_is_said_what_to_install(driver: None, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("__EGL_VENDOR_LIBRARY_FILENAMES", "/nowhere")
     with pytest.raises(UsageError, match=r"no OpenGL 3\.3 over EGL .*libegl1"):
         RendererChoice("gl").made()
-
-
-def test_without_moderngl_it_is_said_what_to_type(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "moderngl.py").write_text("raise ModuleNotFoundError('none', name='moderngl')", encoding="utf-8")
     monkeypatch.syspath_prepend(str(tmp_path))
     with pytest.raises(UsageError, match=r"the renderer gl needs moderngl.*mipbake\[fit\]"):

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,10 +12,9 @@ from numpy.typing import NDArray
 
 from mipbake.base.errors import RendererError
 from mipbake.fitting import Levels, fit
-from mipbake.fitting.renderer import TILE, Stamps, new_stamps, rectangles, tiles_along, tiles_of
+from mipbake.fitting.renderer import TILE, Stamps, rectangles, tiles_along
 from mipbake.material.pixel_filter import level_sizes
 
-from .fitting_levels import noisy, stamps_of
 from .fitting_small import SIDE, Plain, Spot, start
 
 LARGE = 150
@@ -57,44 +54,7 @@ def test_neighbours_are_one_rectangle() -> None:
     assert rectangles(apart, size) == [(0, 64, 64, 64), (128, 64, 64, 64)]
 
 
-def test_what_has_changed_since_other_stamps() -> None:
-    levels = noisy((100, 75), 0, 1)
-    assert levels.changed(None) == [[(0, 0, *size)] for size in levels.sizes]
-    assert levels.changed(levels.stamps) == [[] for _ in levels.sizes]
-    known = [each.copy() for each in levels.stamps]
-    known[0][1, 1] = known[2][0, 0] = 99
-    assert levels.changed(known) == [[(64, 64, 36, 11)], [], [(0, 0, 25, 18)], [], [], [], []]
-
-
 # ---- numbers of tiles
-
-
-def test_tiles_of_texels() -> None:
-    sizes = level_sizes(100, 200)  # 2 x 4 tiles, then 1 x 2, then one each
-    ends = np.cumsum([0, *(height * width for height, width in sizes)])
-    texels = [0, 63, 64, 200 * 64 + 199, ends[1], ends[1] + 100 * 49 + 64, ends[3], ends[-1] - 1]
-    assert tiles_of(np.array(texels, np.int32), sizes).tolist() == [0, 1, 7, 8, 9, 11, 8 + 2 + len(sizes) - 3]
-    assert tiles_of(np.arange(ends[-1], dtype=np.int32), sizes).tolist() == list(range(8 + 2 + len(sizes) - 2))
-    assert tiles_of(np.empty(0, np.int32), sizes).size == 0
-
-
-def test_stamps_change_where_tiles_are_touched() -> None:
-    sizes = level_sizes(100, 200)
-    stamps = Stamps(sizes)
-    first, again = stamps.handed_out(), stamps.handed_out()
-    assert len({number for each in first for number in each.flat}) == 1
-    assert all(np.array_equal(a, b) for a, b in zip(first, again, strict=True))
-    stamps.touch(np.array([1, 7, 9]))
-    stamps.touch_all(3)
-    now = stamps.handed_out()
-    new = [a != b for a, b in zip(now, again, strict=True)]
-    assert [np.argwhere(each).tolist() for each in new[:4]] == [[[0, 1], [1, 3]], [[0, 1]], [], [[0, 0]]]
-    assert all(each.max() > before.max() for each, before in zip((now[0], now[1]), first, strict=False))
-    assert all(np.array_equal(a, b) for a, b in zip(first, again, strict=True))  # what was handed out stays
-    with pytest.raises(ValueError, match="read-only"):
-        now[0][0, 0] = 5
-    stamps.touch_all()
-    assert all((a != b).all() for a, b in zip(stamps.handed_out(), now, strict=True))
 
 
 # ---- in fits
@@ -170,31 +130,6 @@ def test_a_renderer_that_follows_the_stamps_has_all_texels(
         assert restored  # steps that are far too long make levels worse
 
 
-@pytest.mark.long
-@pytest.mark.filterwarnings("ignore:no view that is held out")
-def test_a_fit_that_goes_on_from_a_file_and_failures(tmp_path: Path) -> None:
-    renderer, file = Keeper(fails_at=200), tmp_path / "state.fit"
-    with pytest.raises(RendererError, match="broken"):
-        kept(renderer, checkpoint=file)
-    kept(renderer, checkpoint=file)
-    assert len(renderer.counts) > 400
-
-
-@pytest.mark.filterwarnings("ignore:no view that is held out")
-def test_a_view_that_is_left_must_be_stamped_once_more(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What the tests above would say of a loop that forgets what the view before has changed."""
-
-    touch, calls = Stamps.touch, itertools.count()
-
-    def forgetful(self: Stamps, tiles: NDArray[np.intp]) -> None:
-        if next(calls) % 2 == 0:  # the loop touches tiles before it hands them out, and again for the next view
-            touch(self, tiles)
-
-    monkeypatch.setattr(Stamps, "touch", forgetful)
-    with pytest.raises(AssertionError, match="is stale at call"):
-        kept(Keeper())
-
-
 @pytest.mark.filterwarnings("ignore:no view that is held out")
 def test_stamps_of_other_tiles_stay() -> None:
     """A step stamps what its view shows, and what the view before has shown: at most 9 of 17 tiles and more each."""
@@ -212,11 +147,3 @@ def test_stamps_of_other_tiles_stay() -> None:
 
 
 # ---- levels by hand
-
-
-def test_new_stamps_are_new_everywhere() -> None:
-    sizes = level_sizes(100, 75)
-    first, second = new_stamps(sizes), new_stamps(sizes)
-    assert [each.shape for each in first] == [tiles_along(size) for size in sizes]
-    assert all((b > a).all() for a, b in zip(first, second, strict=True))
-    assert [each.shape for each in stamps_of(sizes, range(len(sizes)))] == [each.shape for each in first]

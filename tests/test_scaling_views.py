@@ -58,24 +58,3 @@ def test_tables(views: ModuleType) -> None:
     assert "| png | 100 | 150 | 1.50 |" in views.throughput_by_format(records)
     assert "| linear | 1.0 | 2.0 | 1.0 | 4.0 | 7.2 | 2.00 | 7.2 | 2.00 | 60 | 90 |" in views.throughput_parts(records)
     assert "50% with linear, 80% with neural" in views.ten_thousand(records)
-
-
-def test_soak(views: ModuleType) -> None:
-    windows = [{"bakes": n, "memory": n << 20, "handles": 5, "threads": 3, "seconds": 0.5} for n in (10, 20, 30, 40)]
-    told = views.soak_table(Records(soak={"methods": {"linear": windows}}))
-    assert [f"| linear | {n} | {n} | 5 | 3 | 0.50 |" in told for n in (10, 20, 30, 40)] == [True, True, False, True]
-
-
-def test_library(views: ModuleType) -> None:
-    call = {"code": 3, "seconds": 10.0, "baked": 190, "unchanged": 0, "failed": 20, "twice": 0}
-    found = {
-        **{"whole": call, "again": {**call, "seconds": 0.5}, "one changed": {**call, "baked": 1}, "cluster": call},
-        "killed": [{**call, "code": -9}, {**call, "code": 130}, call],
-        **{"count": 200, "broken": 20, "doubles": 10, "jobs": 2, "baked twice": 0, "cluster deaths": 7},
-        **{"files": 900, "same": True, "same on cluster": True},
-    }
-    told = " ".join(views.library_words(Records(library=found)).split())
-    assert "was killed 2 times" in told and "0 results were baked twice" in told
-    assert "the same files, byte for byte (900 files)" in told
-    found["same on cluster"] = False
-    assert "All ways left other files" in " ".join(views.library_words(Records(library=found)).split())

@@ -14,7 +14,7 @@ FITTED = ("acg_metal007", "acg_diamondplate008c", "acg_fabric079", "acg_tiles136
 
 FIT_OPTIONS = (
     *("--renderers", "gl clearcoat", "gl ramp", "three physical"),
-    *("--three", "benchmarks/engines/node_modules/three/build", "--size", "256", "--repeat", "1"),
+    *("--size", "256", "--repeat", "1"),
     *("--steps", "4000", "--each", "8", "--witnesses", "8", "--passes", "64"),
 )
 """What can be measured in an hour."""

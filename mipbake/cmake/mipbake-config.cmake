@@ -2,6 +2,16 @@
 # file lies. The functions need CMake 3.20 and a generator that takes depfiles: Ninja or Makefiles.
 cmake_minimum_required(VERSION 3.20)
 
+# As a script of a build: the rule in a depfile is about what its command makes, a stamp, and no longer about results.
+if(CMAKE_SCRIPT_MODE_FILE)
+    file(READ "${depfile}" rule)
+    string(FIND "${rule}" "\n" end)
+    string(SUBSTRING "${rule}" ${end} -1 sources)
+    string(REPLACE " " "\\ " stamp "${stamp}")
+    file(WRITE "${depfile}" "${stamp}: \\${sources}")
+    return()
+endif()
+
 find_program(MIPBAKE_EXECUTABLE mipbake REQUIRED DOC "The command mipbake")
 
 # mipbake_bake(NAME SOURCE OUT [options of `mipbake bake` ...])
@@ -53,7 +63,8 @@ function(mipbake_bake_library name library out)
         DEPFILE "${depfile}"
         DEPENDS "${MIPBAKE_EXECUTABLE}"
         COMMAND "${MIPBAKE_EXECUTABLE}" bake "${library}" -o "${out}" --recursive --depfile "${depfile}"
-                --depfile-for "${stamp}" --quiet ${ARGN}
+                --quiet ${ARGN}
+        COMMAND "${CMAKE_COMMAND}" "-Dstamp=${stamp}" "-Ddepfile=${depfile}" -P "${CMAKE_CURRENT_FUNCTION_LIST_FILE}"
         COMMAND "${CMAKE_COMMAND}" -E touch "${stamp}"
         COMMENT "Baking the library ${name}"
         VERBATIM)

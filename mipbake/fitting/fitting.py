@@ -7,25 +7,28 @@ from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mipbake.base.checkpoints import alone_with
 from mipbake.base.errors import UsageError
-from mipbake.fitting.comparisons import ERRORS
+from mipbake.fitting.frames import Looked, looked
 from mipbake.fitting.loop import FitSettings, Loop, Progress
 from mipbake.fitting.parameters import Parameters
-from mipbake.fitting.prepared import TEXELS, Preparation, References, scores, scores_of_levels
-from mipbake.fitting.probing import Trial, probe
-from mipbake.fitting.renderer import Levels, Renderer, new_stamps
-from mipbake.fitting.shared import Rounds, rounds_told
-from mipbake.fitting.starts import Starts
+from mipbake.fitting.prepared import Prepared, scores, scores_of_levels
+from mipbake.fitting.probing import probe
+from mipbake.fitting.references import given, middle_lod, named, passes_for, supersampled
+from mipbake.fitting.renderer import Array, Levels, Renderer, new_stamps
+from mipbake.fitting.shared import Rounds
 from mipbake.fitting.state import Checkpoint, FitState, kept_in, key_of
-from mipbake.fitting.supersampled import named
-from mipbake.material.pixel_filter import filter_named
+from mipbake.material.pixel_filter import PixelFilter, filter_named
 from mipbake.source.texture_set import TextureSet
 from mipbake.stack.stack import MipStack
+
+References: TypeAlias = "Sequence[Any] | Callable[[Any], Any]"
+"""An image (H, W, 3) for each view, in order; or a function from a view to its image."""
 
 _HELD_OUT_EVERY = 5  # of so many views one is held out, where none are given
 
@@ -42,12 +45,10 @@ def fit(
     steps: int | None = None,
     budget: float | None = None,
     renders: int = 1,
-    texels: str = TEXELS[0],
     rate: float = 1.0,
     passes: int | None = None,
     rounds: int = 1,
     seed: int = 0,
-    error: str = ERRORS[0],
     checkpoint: str | Path | None = None,
     progress: Callable[[Progress], None] = lambda _now: None,
     preparing: Callable[[float], None] = lambda _share: None,
@@ -59,6 +60,9 @@ def fit(
     this pixel looked up (equation 8), and Adam moves these. After each round over the views, views that are held out
     say of each level whether it is the best so far, and the best ones are kept. Then numbers that all texels of a level
     share are found by least squares, see `mipbake.fitting.shared`. A level that gained nothing stays as it was.
+
+    Images are compared as linear radiance, and as a display shows them: sRGB of x / (1 + x), exposed by the median of
+    the reference (docs/conventions.md, section 4). What one of the two loses counts several times what the other gains.
 
     Args:
         stack: where the fit starts; of any material model.
@@ -78,20 +82,15 @@ def fit(
         budget: seconds for the steps, checks included, and for the rounds, which take a third of it at most; preparing
             the views comes on top.
         renders: how often a step is rendered, each time with new signs and with their opposites: N of equation 9.
-        texels: "all" that a pixel's lookup reads are credited, or the "nearest" alone, as in the paper.
         rate: of Adam, in quantisation steps.
         passes: renders of a supersampled reference; None: 16 at level of detail 0, up to 256 at coarser ones, and four
             times as many for views that are held out.
         rounds: of Gauss-Newton steps of what all texels of a level share, after the other steps; 0: none, as in the
             paper.
         seed: of all that is random.
-        error: what is compared. "displayed": images are linear radiance, and are compared as a display shows them, as
-            sRGB of x / (1 + x), exposed by the median of the reference (docs/conventions.md, section 4). "both": also
-            as linear radiance; what one of the two loses counts several times what the other one gains. "plain": the
-            numbers of images are compared as they are, which suits renderers that show what a display gets.
         checkpoint: a file that the state is kept in after every check, and when the renderer fails. Where it is there,
             the fit goes on from it, after its views have been prepared once more.
-        progress: told how far the fit is, after every check. preparing: told the share of views that are prepared.
+        progress: called after every check. preparing: called with the share of views that are prepared.
 
     Returns:
         A stack of the same model, sizes and other maps, whose provenance says that it was fitted.
@@ -108,40 +107,35 @@ def fit(
     """
     if not callable(getattr(renderer, "render", None)):
         raise UsageError(f"the renderer is a {type(renderer).__name__}: expected an object with render(levels, view)")
-    settings = FitSettings(steps, budget, renders, texels, rate, passes, seed, error, rounds)
+    settings = FitSettings(steps, budget, renders, rate, passes, seed, rounds)
     learned, checked = _split(views, held_out)
-    images = _images(reference, [*views, *(held_out or [])])
-    starts = Starts.of(stack, others)
-    parameters, values = starts.parameters, starts.values[0]
+    stacks = (stack, *others)
+    parameters = Parameters.of(stack.model, *stack.size, len(stack.levels))
+    starts = _starts(stacks, parameters)
     loop = Loop(renderer, parameters, stack.wrap, settings)
-    original, kernel = None if source is None else _source_levels(source), filter_named(stack.provenance.pixel_filter)
-    preparation = Preparation(renderer, parameters, stack.wrap, texels, original, kernel, passes, seed, error)
     both = [*learned, *checked]
+    reference_of = _references(reference, source, loop, filter_named(stack.provenance.pixel_filter), len(both))
     with nullcontext() if checkpoint is None else alone_with(Path(checkpoint)):
         file = state = None
         if checkpoint is not None:
-            of = starts.values, stack.model, [named(view) for _, view in both]
+            of = starts, stack.model, [named(view) for _, view in both]
             file = Checkpoint(Path(checkpoint), key_of(*of, replace(settings, steps=None, budget=None, rounds=0)))
-            state = file.load(starts.values, len(stack.levels))
-        resting, prepared = loop.levels_of(values), []
-        seen = [preparation.seen(view, resting) for _, view in both]  # all, before the renderer gets the source
-        for done, (index, view) in enumerate(both):
-            prepared.append(preparation.of(view, seen[done], images(index, view), held_out=done >= len(learned)))
-            preparing((done + 1) / len(both))
+            state = file.load()
+        resting = loop.levels_of(starts[0])
+        # All of them, before the renderer gets the source.
+        seen = [looked(renderer.render(resting, view), named(view)) for _, view in both]
+        prepared: list[Prepared] = []
+        for (index, view), found in zip(both, seen, strict=True):
+            image = reference_of(index, view, found, len(prepared) >= len(learned))
+            prepared.append(Prepared.of(view, found, image, parameters, stack.wrap))
+            preparing(len(prepared) / len(both))
         training, checking = prepared[: len(learned)], prepared[len(learned) :]
         if file is not None and state is not None:
             file.check_started(state, scores(checking, np.array([view.started for view in checking])))
         if state is None:
-            for sentence in probe(Trial(renderer, parameters, stack.wrap, values, seed), training):
+            for sentence in probe(loop, starts[0], training):
                 warnings.warn(sentence, stacklevel=2)
-            errors = loop.errors(values, checking)
-            first, origins = scores(checking, errors), np.zeros(len(stack.levels), np.int64)
-            if others:
-                # No step has learned from any view yet, so that all of them are fair judges.
-                origins = loop.chosen(starts.values, prepared)
-                errors = loop.errors(parameters.joined(starts.values, origins), checking)
-            begun = parameters.joined(starts.values, origins)
-            state = FitState.first(begun, scores_of_levels(checking, errors), first, origins)
+            state = _begun(loop, starts, prepared, checking)
             if file is not None:
                 file.save(state)
         still = [str(level) for level, snr in enumerate(state.begun) if not np.isfinite(snr).all()]
@@ -152,25 +146,34 @@ def fit(
                 stacklevel=2,
             )
         movable = np.flatnonzero(np.isfinite(state.begun).all(-1)).tolist()
-        last = Rounds.planned(loop, state.best, (training, checking), movable, settings, starts.values)
+        last = Rounds.planned(loop, state.best, (training, checking), movable, starts)
         left = None if budget is None else budget - last.seconds
         loop.run(state, training, checking, file, progress, left, 1 - last.share)
-        best = loop.settled(state.best, parameters.joined(starts.values, state.origins), checking)
+        best = loop.without_losses(state.best, parameters.joined(starts, state.origins), checking)
         with kept_in(file, state):
             best, rounds_made = last.run(loop, best, prepared)
         reached = scores(checking, loop.errors(best, checking))
         gained = ", ".join(f"{scale} {state.started[scale]:.1f} to {score:.1f} dB" for scale, score in reached.items())
-        told = (
-            f"levels were fitted in the renderer {_called(renderer)} to {len(training)} views by {state.step} steps"
-            f"{rounds_told(rounds_made)} with error {error} and seed {seed}{starts.told(state.origins)}; SNR of "
-            f"{len(checking)} other views: {gained}"
+        name = getattr(renderer, "called", type(renderer).__name__)
+        of_rounds = f" and {rounds_made} round{'s' * (rounds_made > 1)} of least squares" if rounds_made else ""
+        adjustment = (
+            f"levels were fitted in the renderer {name} to {len(training)} views by {state.step} steps{of_rounds} with "
+            f"seed {seed}{_origins(stacks, state.origins)}; SNR of {len(checking)} other views: {gained}"
         )
-        provenance = replace(stack.provenance, promise=None, adjustments=(*stack.provenance.adjustments, told))
-        return replace(stack, levels=starts.levels(best), provenance=provenance)
+        provenance = replace(stack.provenance, promise=None, adjustments=(*stack.provenance.adjustments, adjustment))
+        return replace(stack, levels=_levels(stacks, starts, parameters, best), provenance=provenance)
 
 
-def _called(renderer: Any) -> str:
-    return str(getattr(renderer, "called", type(renderer).__name__))
+def _begun(loop: Loop, starts: Sequence[Array], prepared: Sequence[Prepared], checking: Sequence[Prepared]) -> FitState:
+    """The state before the first step: each level is that of the stack which shows it best."""
+    errors = loop.errors(starts[0], checking)
+    first, origins = scores(checking, errors), np.zeros(len(loop.parameters.sizes), np.int64)
+    if len(starts) > 1:
+        # No step has learned from any view yet, so that all of them are fair judges.
+        origins = loop.chosen(starts, prepared)
+        errors = loop.errors(loop.parameters.joined(starts, origins), checking)
+    begun = loop.parameters.joined(starts, origins)
+    return FitState.first(begun, scores_of_levels(checking, errors), first, origins)
 
 
 def _split(views: Sequence[Any], held_out: Sequence[Any] | None) -> tuple[list[tuple[int, Any]], list[tuple[int, Any]]]:
@@ -183,22 +186,35 @@ def _split(views: Sequence[Any], held_out: Sequence[Any] | None) -> tuple[list[t
             raise UsageError("held_out is empty: expected views to check with, or None")
         return numbered, list(enumerate(held_out, len(views)))
     every = min(_HELD_OUT_EVERY, len(views))
-    is_checked = [index % every == every - 1 for index, _ in numbered]
-    return (
-        [each for each, out in zip(numbered, is_checked, strict=True) if not out],
-        [each for each, out in zip(numbered, is_checked, strict=True) if out],
-    )
+    return [each for each in numbered if each[0] % every != every - 1], numbered[every - 1 :: every]
 
 
-def _images(reference: References | None, views: Sequence[Any]) -> Callable[[int, Any], Any]:
-    """From a view's number and the view to its image; None for one that is to be supersampled."""
-    if reference is None:
-        return lambda _index, _view: None
-    if callable(reference):
-        return lambda _index, view: reference(view)
-    if len(reference) != len(views):
-        raise UsageError(f"reference has {len(reference)} images: expected {len(views)}, one for each view")
-    return lambda index, _view: reference[index]
+def _references(
+    reference: References | None, source: TextureSet | None, loop: Loop, kernel: PixelFilter, count: int
+) -> Callable[[int, Any, Looked, bool], Array]:
+    """From a view's number, the view, where it looks up, and whether it is held out, to what it should show (H, W, 3).
+
+    Args:
+        count: of all views.
+    """
+    if reference is not None and not callable(reference) and len(reference) != count:
+        raise UsageError(f"reference has {len(reference)} images: expected {count}, one for each view")
+    original = None if source is None else _source_levels(source)
+    settings = loop.settings
+
+    def reference_of(index: int, view: Any, found: Looked, held_out: bool) -> Array:
+        if reference is not None:
+            return given(reference(view) if callable(reference) else reference[index], named(view), found.size)
+        if original is None:
+            raise UsageError(
+                "neither source nor reference is given: expected the texture set that the stack was baked from, or "
+                "reference images"
+            )
+        passes = settings.passes or passes_for(middle_lod(found, loop.parameters.sizes[0]), held_out)
+        whole = bool(found.seen.all())
+        return supersampled(loop.renderer, original, view, kernel, passes, settings.seed, whole, found.size)
+
+    return reference_of
 
 
 def _source_levels(source: TextureSet) -> Levels:
@@ -206,3 +222,42 @@ def _source_levels(source: TextureSet) -> Levels:
     stored = source.material(source.source_model)
     parameters = Parameters.of(source.source_model, stored.shape[0], stored.shape[1], 1)
     return parameters.levels(parameters.values([stored]), source.wrap, new_stamps(parameters.sizes))
+
+
+def _starts(stacks: Sequence[MipStack], parameters: Parameters) -> list[Array]:
+    """(texels, channels) of each stack. UsageError: one is of another model or size than the first."""
+    first = stacks[0]
+    for other in stacks:
+        if (other.model, other.size, len(other.levels)) != (first.model, first.size, len(first.levels)):
+            raise UsageError(
+                f"the fit starts from {_described(first)}, and others hold {_described(other)}: expected stacks of one "
+                "material model and one size"
+            )
+    return [parameters.values(list(each.levels)) for each in stacks]
+
+
+def _described(stack: MipStack) -> str:
+    height, width = stack.size
+    return f"{len(stack.levels)} levels of {stack.model} from {width} x {height}"
+
+
+def _levels(stacks: Sequence[MipStack], starts: Sequence[Array], parameters: Parameters, values: Array) -> list[Array]:
+    """Stored channels of each level. Where the values are a stack's own, it is the stack's level, bit for bit."""
+    stored = parameters.stored(values)
+    for level in range(len(stored)):
+        own = parameters.texels(level)
+        for stack, start in zip(stacks, starts, strict=True):
+            if np.array_equal(values[own], start[own]):
+                stored[level] = stack.levels[level]
+                break
+    return stored
+
+
+def _origins(stacks: Sequence[MipStack], origins: NDArray[np.integer]) -> str:
+    """Which levels started from which of the other stacks; empty where none did."""
+    parts = [
+        f"level {', '.join(map(str, np.flatnonzero(origins == number)))} from {stack.provenance.method}"
+        for number, stack in enumerate(stacks)
+        if number and (origins == number).any()
+    ]
+    return f" (starting with {' and '.join(parts)})" if parts else ""

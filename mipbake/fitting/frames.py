@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.base.errors import RendererError
-from mipbake.fitting.renderer import Array, Levels, Renderer
+from mipbake.fitting.renderer import Array
 
 _FARTHEST = 2.0**16
 """How many repeats of the maps a texture coordinate may be away; farther, float32 cannot tell texels apart."""
@@ -20,11 +20,12 @@ class Looked:
     """Where the pixels of a view look the maps up, in a row.
 
     Args:
-        uv: (P, 2). lod: (P,), or None. uv_da: (P, 4), or None.
+        image: (P, 3). uv: (P, 2). lod: (P,), or None. uv_da: (P, 4), or None.
         seen: (P,) uint8, 0 where a pixel shows no map.
         size: (height, width).
     """
 
+    image: Array
     uv: Array
     lod: Array | None
     uv_da: Array | None
@@ -32,8 +33,8 @@ class Looked:
     size: tuple[int, int]
 
 
-def rendered(renderer: Renderer[Any], levels: Levels, view: Any, who: str, size: tuple[int, int] | None) -> Array:
-    """The (H, W, 3) image of a view, float32.
+def image_of(frame: Any, who: str, size: tuple[int, int] | None = None) -> Array:
+    """The (H, W, 3) image of a frame, float32.
 
     Args:
         who: which view it is, for errors.
@@ -42,44 +43,9 @@ def rendered(renderer: Renderer[Any], levels: Levels, view: Any, who: str, size:
     Raises:
         RendererError: no image, another shape or size, or values that are not finite.
     """
-    return image_of(renderer.render(levels, view), who, size)
-
-
-def image_of(frame: Any, who: str, size: tuple[int, int] | None = None) -> Array:
-    """The (H, W, 3) image of a frame. RendererError as of `rendered`."""
-    return _picture(_image(frame, who), who, size)
-
-
-def with_cover(frame: Any, who: str, size: tuple[int, int] | None) -> tuple[Array, NDArray[np.bool_]]:
-    """The (H, W, 3) image of a frame, and (H, W) where it shows the maps. RendererError as of `rendered`."""
-    image = _picture(_image(frame, who), who, size)
-    return image, _seen(frame, (image.shape[0], image.shape[1]), who)
-
-
-def _seen(frame: Any, size: tuple[int, int], who: str) -> NDArray[np.bool_]:
-    if getattr(frame, "id", None) is None:
-        return np.ones(size, np.bool_)
-    numbers = _numbers(frame.id, "id", who)
-    if numbers.shape != size:
-        raise RendererError(f"{who}: id has shape {numbers.shape}: expected {size}, as the image has")
-    bad = ~(np.isfinite(numbers) & (numbers >= 0) & (numbers == np.floor(numbers)))
-    if bad.any():
-        row, column = (int(n) for n in np.argwhere(bad)[0])
-        raise RendererError(
-            f"{who}: id is {numbers[row, column]:g} at row {row}, column {column}: expected 0 where a pixel shows "
-            "nothing of the maps, and a whole number above 0 elsewhere"
-        )
-    return np.asarray(numbers > 0)
-
-
-def _image(frame: Any, who: str) -> Any:
     if not hasattr(frame, "image"):
         raise RendererError(f"{who}: the renderer returned a {type(frame).__name__}: expected a Frame")
-    return frame.image
-
-
-def _picture(value: Any, who: str, size: tuple[int, int] | None) -> Array:
-    image = _numbers(value, "the image", who)
+    image = _numbers(frame.image, "the image", who)
     if image.ndim != 3 or image.shape[2] not in (3, 4) or not image.size:
         raise RendererError(f"{who}: the image has shape {image.shape}: expected (height, width, 3)")
     if size is not None and image.shape[:2] != size:
@@ -91,24 +57,42 @@ def _picture(value: Any, who: str, size: tuple[int, int] | None) -> Array:
     return np.ascontiguousarray(image[..., :3])
 
 
+def cover_of(frame: Any, size: tuple[int, int], who: str) -> NDArray[np.bool_]:
+    """(H, W) where a frame shows the maps. RendererError for an `id` of another shape, or of other numbers."""
+    if getattr(frame, "id", None) is None:
+        return np.ones(size, np.bool_)
+    numbers = _numbers(frame.id, "id", who)
+    if numbers.shape != size:
+        raise RendererError(f"{who}: id has shape {numbers.shape}: expected {size}, as the image has")
+    bad = ~(np.isfinite(numbers) & (numbers >= 0) & (numbers == np.floor(numbers)))
+    if bad.any():
+        row, column = np.argwhere(bad)[0].tolist()
+        raise RendererError(
+            f"{who}: id is {numbers[row, column]:g} at row {row}, column {column}: expected 0 where a pixel shows "
+            "nothing of the maps, and a whole number above 0 elsewhere"
+        )
+    return np.asarray(numbers > 0)
+
+
 def looked(frame: Any, who: str) -> Looked:
-    """Where a frame's pixels look the maps up.
+    """Where a frame's pixels look the maps up: copies, since a renderer may use its arrays again.
 
     Raises:
         RendererError: neither lod nor uv_da, other shapes, values that are not finite, or no pixel that shows the maps.
     """
-    size = _picture(_image(frame, who), who, None).shape[:2]
+    image = image_of(frame, who)
+    size = image.shape[0], image.shape[1]
     if getattr(frame, "uv", None) is None:
         raise RendererError(
             f"{who}: the frame has no uv: expected where each pixel looks the maps up, (height, width, 2); without it "
             "no error can be credited to a texel"
         )
-    shown = _seen(frame, (size[0], size[1]), who)
+    shown = cover_of(frame, size, who)
     if not shown.any():
         raise RendererError(f"{who}: no pixel shows the maps (id is 0 everywhere): expected a view of the material")
-    uv = _of_pixels(frame.uv, "uv", 2, size, shown, who)
-    if np.abs(uv).max(initial=0) > _FARTHEST:
-        row, column = (int(n) for n in np.argwhere(np.abs(uv).max(-1) > _FARTHEST)[0])
+    uv = _of_pixels(frame.uv, "uv", (*size, 2), shown, who)
+    if np.abs(uv).max() > _FARTHEST:
+        row, column = np.argwhere(np.abs(uv).max(-1) > _FARTHEST)[0].tolist()
         raise RendererError(
             f"{who}: uv is {uv[row, column].tolist()} at row {row}, column {column}: expected texture coordinates, in "
             "units of the whole texture"
@@ -116,22 +100,21 @@ def looked(frame: Any, who: str) -> Looked:
     lod, uv_da = getattr(frame, "lod", None), getattr(frame, "uv_da", None)
     if lod is None and uv_da is None:
         raise RendererError(f"{who}: the frame has neither lod nor uv_da: expected one of the two, to know the level")
-    rows = size[0] * size[1]
     return Looked(
-        uv.reshape(rows, 2),
-        None if lod is None else _of_pixels(lod, "lod", 1, size, shown, who).reshape(rows),
-        None if lod is not None else _of_pixels(uv_da, "uv_da", 4, size, shown, who).reshape(rows, 4),
-        shown.astype(np.uint8).reshape(rows),
-        (size[0], size[1]),
+        image.reshape(-1, 3).copy(),
+        uv.reshape(-1, 2),
+        None if lod is None else _of_pixels(lod, "lod", size, shown, who).reshape(-1),
+        None if lod is not None else _of_pixels(uv_da, "uv_da", (*size, 4), shown, who).reshape(-1, 4),
+        shown.astype(np.uint8).reshape(-1),
+        size,
     )
 
 
-def _of_pixels(value: Any, what: str, width: int, size: tuple[int, int], shown: NDArray[np.bool_], who: str) -> Array:
+def _of_pixels(value: Any, what: str, wanted: tuple[int, ...], shown: NDArray[np.bool_], who: str) -> Array:
     array = _numbers(value, what, who)
-    wanted = (*size, width)
-    if array.shape != wanted and not (width == 1 and array.shape == size):
-        raise RendererError(f"{who}: {what} has shape {array.shape}: expected {wanted if width > 1 else size}")
-    array = np.array(array.reshape(wanted), np.float32)
+    if array.shape not in (wanted, (*wanted, 1)):
+        raise RendererError(f"{who}: {what} has shape {array.shape}: expected {wanted}")
+    array = np.array(array.reshape(*shown.shape, -1), np.float32)
     array[~shown] = 0
     _check_finite(array, what, who)
     return array
@@ -152,7 +135,7 @@ def _numbers(value: Any, what: str, who: str) -> Array:
 def _check_finite(array: Array, what: str, who: str) -> None:
     bad = ~np.isfinite(array)
     if bad.any():
-        row, column = (int(n) for n in np.argwhere(bad)[0][:2])
+        row, column = np.argwhere(bad)[0][:2].tolist()
         raise RendererError(
             f"{who}: {what} holds {array[row, column].tolist()} at row {row}, column {column}, and is not finite in "
             f"{int(bad.any(-1).sum())} pixels: expected finite numbers"

@@ -19,7 +19,7 @@ What stands around it declares what the function may use:
 - `uniform sampler2D` for each map: `base_color_map` (rgb, linear once it is looked up), `metallic_map` (r),
   `roughness_map` (r) and `normal_map` (xyz as (n + 1) / 2). `gltf-anisotropic` also has `anisotropy_direction_map` (rg
   as (d + 1) / 2) and `anisotropy_strength_map` (r).
-- `vec4 look_up(sampler2D map)`: the map at this pixel, trilinearly, at the level of detail that a fit is told.
+- `vec4 look_up(sampler2D map)`: the map at this pixel, trilinearly, at the level of detail that a fit gets, too.
 - `uniform int light_count` and `uniform vec3 light_directions[MAX_LIGHTS], light_radiances[MAX_LIGHTS]`. Directions are
   unit vectors to the light, in the world. A radiance is the irradiance of a surface that faces the light.
 
@@ -46,11 +46,10 @@ from mipbake.base.errors import UsageError
 from mipbake.base.extras import extra
 from mipbake.comparing.meshes.mesh import Mesh
 from mipbake.fitting.program import Frame, SharedMaps, serve
-from mipbake.fitting.protocol import view_of
+from mipbake.fitting.protocol import check_model, view_of
 from mipbake.fitting.renderer import write_bytes
 from mipbake.fitting.views import View
 from mipbake.material import COLOUR, GLTF_MODELS, MODELS
-from mipbake.material.pixel_filter import level_sizes
 
 MAX_LIGHTS = 64
 """Most lights of a view: as many as an environment becomes. OpenGL 3.3 promises room for fewer than 128."""
@@ -179,14 +178,14 @@ class GlRenderer:
         self._programs = {"geometry": self._context.program(_VERTICES, _GEOMETRY), "image": self._compiled(source)}
         return f"gl ({self._name})"
 
-    def render(self, maps: SharedMaps, told: dict[str, Any]) -> Frame:
+    def render(self, maps: SharedMaps, content: dict[str, Any]) -> Frame:
         """The frame of a view: `Frame` with `image`, `uv`, `lod` and `id`.
 
         Raises:
-            UsageError: a model that glTF does not have, a map that the shader looks up and the model does not have,
-                levels whose sizes do not halve, or more than 64 lights.
+            UsageError: a model that glTF does not have, a map that the shader looks up and the model does not have, or
+                more than 64 lights.
         """
-        view = view_of(told)
+        view = view_of(content)
         self._check(maps, view)
         self._upload(maps)
         program = self._programs["image"]
@@ -200,7 +199,7 @@ class GlRenderer:
         _set(program, "light_radiances", view.lighting.radiance)
         image = self._drawn("image", maps, view)[..., :3]
         # All but the image is the same whatever the texels are. Views that are moved for references come once.
-        key = str((told, maps.sizes))
+        key = str((content, maps.sizes))
         found = self._looked.get(key)
         if found is None:
             found = self._drawn("geometry", maps, view)
@@ -276,14 +275,7 @@ class GlRenderer:
                     texture.write(wider, (column, row, width, height), index)
 
     def _check(self, levels: SharedMaps, view: View) -> None:
-        if levels.model not in GLTF_MODELS:
-            raise UsageError(
-                f"the renderer gl knows no material model {levels.model!r}: expected {' or '.join(GLTF_MODELS)}"
-            )
-        if levels.sizes != level_sizes(*levels.sizes[0])[: len(levels.sizes)]:
-            raise UsageError(
-                f"levels measure {levels.sizes} (height, width): expected each half as large as the one before"
-            )
+        check_model("gl", levels.model)
         for name in _MAPS:
             if name not in levels.maps and f"{name}_map" in self._programs["image"]:
                 raise UsageError(
@@ -307,10 +299,10 @@ class GlRenderer:
         except moderngl.Error as error:
             if not re.search(r"\bvec3\s+shade\s*\(\s*((const|in)\s+)*Surface\b[^)]*\)\s*\{", code):
                 raise UsageError(f"{self._name} has no function `shade`: expected `vec3 shade(Surface s)`") from None
-            told = re.split(r"\n=+\n", str(error))[-1].strip()
+            complaint = re.split(r"\n=+\n", str(error))[-1].strip()
             raise UsageError(
                 f"{self._name} does not compile, so correct what the compiler of OpenGL complains of. 0:7 or 0(7) is "
-                f"line 7 of the file, and lines from 90000 on are what stands around it:\n{told}"
+                f"line 7 of the file, and lines from 90000 on are what stands around it:\n{complaint}"
             ) from None
 
 

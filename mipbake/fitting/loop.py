@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -14,9 +13,8 @@ from numpy.typing import NDArray
 
 from mipbake import stochastic
 from mipbake.base.errors import UsageError
-from mipbake.fitting.comparisons import ERRORS, decibels, worth
 from mipbake.fitting.parameters import Parameters
-from mipbake.fitting.prepared import TEXELS, Prepared, render_pixels, scores, scores_of_levels
+from mipbake.fitting.prepared import Prepared, decibels, scores, scores_of_levels, worth
 from mipbake.fitting.renderer import Array, Levels, Renderer, Stamps
 from mipbake.fitting.state import Checkpoint, FitState, kept_in
 
@@ -50,11 +48,9 @@ class FitSettings:
     steps: int | None = None
     budget: float | None = None
     renders: int = 1
-    texels: str = TEXELS[0]
     rate: float = 1.0
     passes: int | None = None
     seed: int = 0
-    error: str = ERRORS[0]
     rounds: int = 1
 
     def __post_init__(self) -> None:
@@ -69,10 +65,6 @@ class FitSettings:
             raise UsageError(f"rate is {self.rate}: expected more than 0")
         if not 0 <= self.seed < 2**32:
             raise UsageError(f"seed is {self.seed}: expected 0 to 2^32 - 1")
-        if self.texels not in TEXELS:
-            raise UsageError(f"texels is {self.texels!r}: expected {' or '.join(TEXELS)}")
-        if self.error not in ERRORS:
-            raise UsageError(f"error is {self.error!r}: expected {' or '.join(ERRORS)}")
 
     @property
     def last(self) -> int | None:
@@ -115,45 +107,37 @@ class Loop:
     def __init__(
         self, renderer: Renderer[Any], parameters: Parameters, wrap: tuple[str, str], settings: FitSettings
     ) -> None:
-        self._renderer, self.parameters, self._wrap, self._settings = renderer, parameters, wrap, settings
+        self.renderer, self.parameters, self.wrap, self.settings = renderer, parameters, wrap, settings
         self._channels = parameters.channels
         # No step, and normals as they are: what is perturbed by this is a copy.
         self._still = replace(self._channels, magnitude=tuple(0.0 for _ in self._channels.magnitude), lifted=None)
         self._stamps = Stamps(parameters.sizes)
 
-    def levels_of(self, values: Array) -> Levels:
-        """What the renderer gets of any values: all stamps are new."""
-        self._stamps.touch_all()
-        levels = self.parameters.levels(values, self._wrap, self._stamps.handed_out())
-        self._stamps.touch_all()  # nobody knows what the renderer gets next
+    def levels_of(self, values: Array, level: int | None = None) -> Levels:
+        """What the renderer gets of values whose texels of a level may be any, or of all levels: their stamps are new,
+        and will be new the next time, because nobody knows what the renderer gets next."""
+        self._stamps.touch_all(level)
+        levels = self.parameters.levels(values, self.wrap, self._stamps.handed_out())
+        self._stamps.touch_all(level)
         return levels
 
-    def _levels_near(self, values: Array, tiles: NDArray[np.intp]) -> Levels:
-        """What the renderer gets of values that differ from the state's in these tiles alone, with new stamps for tiles
-        that are others than what it got before."""
+    def levels_near(self, values: Array, tiles: NDArray[np.intp]) -> Levels:
+        """The same of values that differ in these tiles alone from what the renderer gets before and after."""
         self._stamps.touch(tiles)
-        levels = self.parameters.levels(values, self._wrap, self._stamps.handed_out())
-        # What comes next has other signs here, or the state's own values, which may have moved.
+        levels = self.parameters.levels(values, self.wrap, self._stamps.handed_out())
         self._stamps.touch(tiles)
         return levels
 
     def errors(self, values: Array, views: Sequence[Prepared]) -> NDArray[np.float64]:
-        """(views, parts) the errors of each view."""
+        """(views, 2) the errors of each view."""
         return self._errors(self.levels_of(values), views)
 
     def _errors(self, levels: Levels, views: Sequence[Prepared]) -> NDArray[np.float64]:
-        return np.stack([view.errors(render_pixels(self._renderer, levels, view)) for view in views])
+        return np.stack([view.errors(view.rendered(self.renderer, levels)) for view in views])
 
     def compared(self, levels: Levels, view: Prepared) -> Array:
-        """(P, 3 parts) what is compared of a view, as the renderer shows it."""
-        return view.compared(render_pixels(self._renderer, levels, view))
-
-    def levels_with(self, values: Array, level: int) -> Levels:
-        """What the renderer gets of values that differ in this level alone from those that it gets otherwise."""
-        self._stamps.touch_all(level)
-        levels = self.parameters.levels(values, self._wrap, self._stamps.handed_out())
-        self._stamps.touch_all(level)
-        return levels
+        """(P, 6) what is compared of a view, as the renderer shows it."""
+        return view.compared(view.rendered(self.renderer, levels))
 
     def chosen(self, variants: Sequence[Array], views: Sequence[Prepared]) -> NDArray[np.int64]:
         """(levels,) number of the variant that each level is taken from.
@@ -165,23 +149,26 @@ class Loop:
         gains = np.stack([worth(each - found[0]) for each in found])  # NaN where no view shows a level
         chosen = np.argmax(np.nan_to_num(gains), 0)
         joined = self.parameters.joined(variants, chosen)
-        settled = self.settled(joined, variants[0], views)
-        cuts = itertools.pairwise(self.parameters.starts)
-        kept = [np.array_equal(settled[first:last], joined[first:last]) for first, last in cuts]
-        return np.where(kept, chosen, 0).astype(np.int64)
+        kept = self.without_losses(joined, variants[0], views)
+        for level in range(len(chosen)):
+            own = self.parameters.texels(level)
+            if not np.array_equal(kept[own], joined[own]):
+                chosen[level] = 0
+        return np.asarray(chosen, np.int64)
 
-    def settled(self, best: Array, start: Array, checking: Sequence[Prepared]) -> Array:
+    def without_losses(self, best: Array, start: Array, checking: Sequence[Prepared]) -> Array:
         """The best values, less the levels without which the views that are held out gain more.
 
         Levels were kept one by one, each beside others than it has in the end.
         """
         kept: Array = best.copy()
         value = self._gain(kept, checking)
-        for first, last in itertools.pairwise(self.parameters.starts):
-            if np.array_equal(best[first:last], start[first:last]):
+        for level in range(len(self.parameters.sizes)):
+            own = self.parameters.texels(level)
+            if np.array_equal(best[own], start[own]):
                 continue
             without = kept.copy()
-            without[first:last] = start[first:last]
+            without[own] = start[own]
             other = self._gain(without, checking)
             if other > value:
                 kept, value = without, other
@@ -189,10 +176,10 @@ class Loop:
 
     def _gain(self, values: Array, views: Sequence[Prepared]) -> float:
         """What is gained since the start, as `worth` has it, in the mean over scales."""
-        parts, scales = len(views[0].parts), sorted({view.scale for view in views})
         gained = decibels(self.errors(values, views)) - decibels(np.array([view.started for view in views]))
+        scales = sorted({view.scale for view in views})
         of_scales = [gained[[view.scale == scale for view in views]].mean(0) for scale in scales]
-        return float(worth(np.reshape(of_scales, (len(scales), parts))).mean())
+        return float(worth(np.array(of_scales)).mean())
 
     def run(
         self,
@@ -209,13 +196,13 @@ class Loop:
         Args:
             state: changes. training, checking: views to learn from, and those that are held out.
             file: where the state is kept after each check.
-            progress: told after each check, with all steps as the share `whole` of the fit.
+            progress: called after each check, with all steps as the share `whole` of the fit.
             budget: seconds for the steps.
 
         Raises:
             RendererError: the renderer failed. The state is kept in the file, where there is one.
         """
-        settings, gradient = replace(self._settings, budget=budget), np.zeros_like(state.values)
+        settings, gradient = replace(self.settings, budget=budget), np.zeros_like(state.values)
         sides = (state.values.copy(), state.values.copy())
         begun, before = time.monotonic(), state.seconds
 
@@ -244,18 +231,15 @@ class Loop:
     def _step(self, state: FitState, view: Prepared, gradient: Array, sides: tuple[Array, Array], rate: float) -> None:
         """Moves the texels that a view shows."""
         try:
-            for index in range(self._settings.renders):
-                number = state.step * self._settings.renders + index + 1
-                stochastic.perturb(state.values, self._channels, number, self._settings.seed, view.visible, sides)
-                images = [self.compared(self._levels_near(side, view.tiles), view) for side in sides]
+            for index in range(self.settings.renders):
+                number = state.step * self.settings.renders + index + 1
+                stochastic.perturb(state.values, self._channels, number, self.settings.seed, view.visible, sides)
+                images = [self.compared(self.levels_near(side, view.tiles), view) for side in sides]
                 differences = stochastic.pixel_differences(images[0], images[1], view.wanted, view.shown)
-                stochastic.add_gradient(
-                    gradient, differences, view.credited, self._channels, number, self._settings.seed
-                )
-            elements = np.asarray(view.credited.elements)
-            bounds = np.searchsorted(elements, self.parameters.starts)
-            for level in view.levels:
-                own = elements[bounds[level] : bounds[level + 1]]
+                stochastic.add_gradient(gradient, differences, view.read, self._channels, number, self.settings.seed)
+            bounds = np.searchsorted(view.visible, self.parameters.starts)
+            for level in np.flatnonzero(view.shares):
+                own = view.visible[bounds[level] : bounds[level + 1]]
                 factor = rate * float(state.rates[level])
                 stochastic.descend(state.values, gradient, state.moments, self._channels, factor, own)
             state.step += 1
@@ -267,10 +251,9 @@ class Loop:
 
     def _check(self, state: FitState, checking: Sequence[Prepared], sides: tuple[Array, Array]) -> dict[str, float]:
         """Keeps the levels that are the best so far, and lowers the rate of those that were not for some time."""
-        found = self._errors(self._levels_near(state.values, _NO_TILES), checking)
-        starts = self.parameters.starts
+        found = self._errors(self.levels_near(state.values, _NO_TILES), checking)
         for level, gain in enumerate(worth(scores_of_levels(checking, found) - state.begun)):
-            own = slice(starts[level], starts[level + 1])
+            own = self.parameters.texels(level)
             if gain > state.gains[level]:
                 state.best[own], state.gains[level], state.waited[level] = state.values[own], gain, 0
                 continue

@@ -5,23 +5,19 @@ from __future__ import annotations
 import importlib
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import wraps
 from pathlib import Path
 from typing import Any
 
 from mipbake.base.errors import MipbakeError, RendererError, UsageError
-from mipbake.fitting.process import ProcessRenderer
+from mipbake.fitting.process import TIMEOUT, ProcessRenderer
 from mipbake.fitting.program import Frame
 from mipbake.fitting.protocol import read_views
 from mipbake.fitting.renderer import Levels, Renderer
 from mipbake.fitting.views import standard_views
 
 RENDERERS = ("gl", "three", "torch")
-
-_OPTIONS = {"timeout": "renderer-timeout", "start_timeout": "renderer-start-timeout", "views": "views-file"}
-"""What the command line calls them, where that is another word."""
 
 
 @dataclass(frozen=True)
@@ -33,9 +29,8 @@ class RendererChoice:
             `command`.
         shader: for `gl` the name of a shader that comes with mipbake, or a file of GLSL; for `three` the name of a
             material; None for the default.
-        command: a program that speaks the protocol of docs/fit-protocol.md. timeout: seconds that a render may take.
-            start_timeout: seconds that the program may take to start.
-        three: the folder that holds three.js; None to look for it.
+        command: a program that speaks the protocol of docs/fit-protocol.md.
+        timeout: seconds that a program or a browser may take to start, and for a render; None for 120.
         views: a JSON file with a list of views for `command` or MODULE:FACTORY; None for views of a plane.
 
     Raises:
@@ -46,8 +41,6 @@ class RendererChoice:
     shader: str | None = None
     command: str | None = None
     timeout: float | None = None
-    start_timeout: float | None = None
-    three: Path | None = None
     views: Path | None = None
 
     def __post_init__(self) -> None:
@@ -55,18 +48,15 @@ class RendererChoice:
             raise UsageError("expected a renderer, by --renderer or by --renderer-command, and not both")
         if self.renderer is not None and self.renderer not in RENDERERS and ":" not in self.renderer:
             raise UsageError(f"unknown renderer {self.renderer!r}: expected {', '.join(RENDERERS)} or MODULE:FACTORY")
-        allowed = {
-            "shader": self.renderer in ("gl", "three"),
-            "three": self.renderer == "three",
-            "timeout": self.command is not None or self.renderer == "three",
-            "start_timeout": self.command is not None,
-            "views": self.renderer not in RENDERERS,
-        }
-        for name, fits in allowed.items():
-            if getattr(self, name) is not None and not fits:
-                option = _OPTIONS.get(name, name)
+        shipped = self.renderer in ("gl", "three")
+        for option, value, fits in (
+            ("--shader", self.shader, shipped),
+            ("--renderer-timeout", self.timeout, shipped or self.command is not None),
+            ("--views-file", self.views, self.renderer not in RENDERERS),
+        ):
+            if value is not None and not fits:
                 raise UsageError(
-                    f"--{option} does not go with the renderer {self.renderer or self.command}: leave it out"
+                    f"{option} does not go with the renderer {self.renderer or self.command}: leave it out"
                 )
 
     def made(self) -> Renderer[Any]:
@@ -76,28 +66,21 @@ class RendererChoice:
             UsageError: it does not exist, or lacks something that it needs.
             RendererError: the function that makes it raised something.
         """
+        timeout = TIMEOUT if self.timeout is None else self.timeout
+        if self.command is not None:
+            return ProcessRenderer(self.command, timeout=timeout)
         if self.renderer == "torch":
             from mipbake.fitting.kernels import TorchRenderer
 
             return TorchRenderer()
-        if self.renderer is None or self.renderer in RENDERERS:
-            given = {"timeout": self.timeout, "start_timeout": self.start_timeout}
-            limits = {name: value for name, value in given.items() if value is not None}
-            if self.command is not None:
-                return ProcessRenderer(self.command, **limits)
-            renderer = ProcessRenderer(self._shipped(), **limits)
-            renderer.start()  # what the user can mend is said before long work
-            return renderer
-        return _from_module(self.renderer)
-
-    def _shipped(self) -> list[str]:
-        """The command of a renderer that comes with mipbake. It finds modules where this process does."""
-        if self.renderer == "gl":
-            arguments = [self.shader] if self.shader else []
-        else:
-            arguments = [str(self.three or ""), self.shader or "physical"]
+        assert self.renderer is not None
+        if self.renderer not in RENDERERS:
+            return _UserRenderer(self.renderer)
+        # It finds modules where this process does.
         start = f"import sys; sys.path[:] = {sys.path!r}; from mipbake.fitting.{self.renderer} import main; main()"
-        return [sys.executable, "-c", start, *arguments]
+        renderer = ProcessRenderer([sys.executable, "-c", start, *filter(None, [self.shader])], timeout=timeout)
+        renderer.start()  # what the user can mend is said before long work
+        return renderer
 
     def views_of(
         self, size: tuple[int, int], wrap: tuple[str, str], each: int, seed: int
@@ -113,41 +96,39 @@ class RendererChoice:
         return standard_views(size, wrap, each, seed), standard_views(size, wrap, max(2, each // 4), seed + 1)
 
 
-def _from_module(given: str) -> Renderer[Any]:
-    module, _, factory = given.partition(":")
-    folder = str(Path.cwd())
-    if folder not in sys.path:
-        sys.path.insert(0, folder)  # so that a file beside the user is found, as `python -m` finds it
-    try:
-        found = getattr(importlib.import_module(module), factory)
-    except (Exception, SystemExit) as error:
-        raise UsageError(
-            f"the renderer {given} cannot be imported ({type(error).__name__}: {error}): expected MODULE:FACTORY, a "
-            "function without arguments in a module that Python finds"
-        ) from error
-    made = _telling(found, given)()
-    if not callable(getattr(made, "render", None)):
-        raise UsageError(f"{given}() gave a {type(made).__name__}: expected an object with render(levels, view)")
-    return _UserRenderer(made, given)
-
-
 class _UserRenderer:
-    """A renderer of the user's. What its methods raise becomes a RendererError, with lines that say where."""
+    """A renderer of the user's, MODULE:FACTORY. What it raises becomes a RendererError, with lines that say where."""
 
-    def __init__(self, renderer: Any, given: str) -> None:
-        self._renderer, self._given = renderer, given
-        self.called = getattr(renderer, "called", type(renderer).__name__)
+    def __init__(self, given: str) -> None:
+        self._given = given
+        module, _, factory = given.partition(":")
+        folder = str(Path.cwd())
+        if folder not in sys.path:
+            sys.path.insert(0, folder)  # so that a file beside the user is found, as `python -m` finds it
+        try:
+            found = getattr(importlib.import_module(module), factory)
+        except (Exception, SystemExit) as error:
+            raise UsageError(
+                f"the renderer {given} cannot be imported ({type(error).__name__}: {error}): expected MODULE:FACTORY, "
+                "a function without arguments in a module that Python finds"
+            ) from error
+        self._renderer = self._of(found)
+        if not callable(getattr(self._renderer, "render", None)):
+            raise UsageError(
+                f"{given}() gave a {type(self._renderer).__name__}: expected an object with render(levels, view)"
+            )
+        self.called = getattr(self._renderer, "called", type(self._renderer).__name__)
 
     def render(self, levels: Levels, view: Any) -> Frame:
-        return _telling(self._renderer.render, self._given)(levels, view)  # type: ignore[no-any-return]
+        frame: Frame = self._of(self._renderer.render, levels, view)
+        return frame
 
-    def __getattr__(self, name: str) -> Any:  # methods that a renderer may have or not
-        return _telling(getattr(self._renderer, name), self._given)
+    def close(self) -> None:
+        if hasattr(self._renderer, "close"):
+            self._of(self._renderer.close)
 
-
-def _telling(function: Any, given: str) -> Any:
-    @wraps(function)
-    def telling(*arguments: Any) -> Any:
+    def _of(self, function: Callable[..., Any], *arguments: Any) -> Any:
+        """What a function of the user's returns."""
         try:
             return function(*arguments)
         except MipbakeError:
@@ -156,8 +137,6 @@ def _telling(function: Any, given: str) -> Any:
             own = None if error.__traceback__ is None else error.__traceback__.tb_next
             lines = traceback.format_exception(type(error), error, own)
             raise RendererError(
-                f"the renderer {given} raised {type(error).__name__} ({error}): expected none, so mend it where these "
-                "lines say\n" + "".join(lines).rstrip()
+                f"the renderer {self._given} raised {type(error).__name__} ({error}): expected none, so mend it where "
+                "these lines say\n" + "".join(lines).rstrip()
             ) from error
-
-    return telling

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,10 +18,10 @@ from mipbake.material.model import with_unit_length
 from mipbake.material.pixel_filter import level_sizes
 from mipbake.stochastic import Channels, Contributions
 
-STEP = 1 / 255
+_STEP = 1 / 255
 """The quantisation step of files of 8 bits, which is what a perturbation is (section 4.3)."""
 
-_LOG_STEP = (MAX_LOG_ALPHA2 - MIN_LOG_ALPHA2) * STEP
+_LOG_STEP = (MAX_LOG_ALPHA2 - MIN_LOG_ALPHA2) * _STEP
 """Of logarithms, which no file of 8 bits holds: the step that such a file would have over the range of materials."""
 
 
@@ -56,7 +55,7 @@ class Parameters:
             facts = each.facts
             for index in range(facts.channels):
                 is_height = each.kind is Kind.NORMAL and index == 2
-                magnitude.append(0.0 if is_height else _LOG_STEP if facts.encoding == LOG else STEP)
+                magnitude.append(0.0 if is_height else _LOG_STEP if facts.encoding == LOG else _STEP)
                 low.append(facts.limits[0] if facts.encoding == LOG else 0.0)
                 high.append(facts.limits[1] if facts.encoding == LOG else 1.0)
             if each.kind is Kind.NORMAL:
@@ -103,14 +102,16 @@ class Parameters:
         maps = {name: [level[..., own] for level in self._cut(values)] for name, own in self.model.maps.items()}
         return Levels(self.model.name, maps, wrap, stamps)
 
+    def texels(self, level: int) -> slice:
+        """The texels of a level."""
+        return slice(self.starts[level], self.starts[level + 1])
+
     def _cut(self, values: Array) -> list[Array]:
-        parts = zip(self.sizes, self.starts[:-1], self.starts[1:], strict=True)
-        return [values[first:last].reshape(*size, -1) for size, first, last in parts]
+        return [values[self.texels(level)].reshape(*size, -1) for level, size in enumerate(self.sizes)]
 
     def joined(self, variants: Sequence[Array], numbers: NDArray[np.integer]) -> Array:
         """(texels, channels) values, each level of the variant of its number."""
-        cuts = itertools.pairwise(self.starts)
-        return np.concatenate([variants[n][first:last] for n, (first, last) in zip(numbers, cuts, strict=True)])
+        return np.concatenate([variants[number][self.texels(level)] for level, number in enumerate(numbers)])
 
     def shares(self, read: Contributions) -> NDArray[np.float64]:
         """(levels,) how much of what pixels read lies in each level, as shares of 1."""

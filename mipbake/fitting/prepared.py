@@ -1,28 +1,35 @@
-"""Views, prepared once: their reference, where their pixels look, and which texels they are made of."""
+"""Views, prepared once: where their pixels look, which texels they are made of, and how their errors are counted.
+
+Errors are counted twice, and each counts as much: of linear radiance, and of what a display shows of it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.base.errors import RendererError, UsageError
-from mipbake.fitting.comparisons import Comparison, comparisons, decibels, joined
-from mipbake.fitting.frames import Looked, image_of, looked, rendered
+from mipbake.base.errors import RendererError
+from mipbake.base.srgb import linear_to_srgb
+from mipbake.fitting.frames import Looked, image_of
 from mipbake.fitting.parameters import Parameters
+from mipbake.fitting.references import named
 from mipbake.fitting.renderer import Array, Levels, Renderer, tiles_of
-from mipbake.fitting.supersampled import named, supersampled
-from mipbake.material.pixel_filter import PixelFilter
+from mipbake.quality.metrics.images import film_exposure, tonemapped
 from mipbake.stochastic import Contributions, contributions, touched_texels
 
-TEXELS = ("all", "nearest")
+_PARTS = ("", " (linear)")
+"""What scores call errors as a display shows them, and those of linear radiance."""
 
-References: TypeAlias = "Sequence[Any] | Callable[[Any], Any]"
-"""An image (H, W, 3) for each view, in order; or a function from a view to its image."""
+_LOSS = 4.0
+"""So many decibels that one part, or one scale, gains make up for one that another loses."""
+
+_LEAST_ERROR = 1e-9
+"""A smaller share of an error counts as this, 90 dB: what 8 bits can hold ends before."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,197 +40,146 @@ class Prepared:
         view: what the renderer gets.
         name, scale: of the view.
         size: (height, width) in pixels.
-        parts: the ways in which images are compared with the reference, the first of all counts in reports.
+        exposure: what images are multiplied by before they are displayed.
+        reference: (P, 6) displayed and linear pixels of the reference.
+        weights: (2,) one over the reference's sums of squares: errors count as shares.
+        started: (2,) errors, as shares, of the stack that a fit started from.
         shown: (P,) 1 where a pixel shows the maps, and 0 where its error does not count.
-        visible: the texels that show, (K,) int32, increasing.
         tiles: the tiles that these texels lie in, (T,) increasing, as `mipbake.fitting.renderer.tiles_of` numbers them.
         shares: (levels,) float64, how much of what the pixels read lies in each level; they sum to 1.
-        credited: which pixels each texel is credited for; empty for a view that is held out.
+        read: which pixels read each texel.
     """
 
     view: Any
     name: str
     scale: str
     size: tuple[int, int]
-    parts: tuple[Comparison, ...]
+    exposure: float
+    reference: Array
+    weights: NDArray[np.float64]
+    started: NDArray[np.float64]
     shown: Array
-    visible: NDArray[np.int32]
     tiles: NDArray[np.intp]
     shares: NDArray[np.float64]
-    credited: Contributions
+    read: Contributions
+
+    @staticmethod
+    def of(view: Any, found: Looked, image: Array, parameters: Parameters, wrap: tuple[str, str]) -> Prepared:
+        """A view with its reference.
+
+        Args:
+            found: what the renderer shows of the stack that the fit starts from.
+            image: (H, W, 3) the reference.
+
+        Raises:
+            RendererError: the reference is black.
+        """
+        pixels, shown = image.reshape(-1, 3), found.seen.astype(np.float32)
+        if not (pixels[found.seen > 0] > 0).any():
+            raise RendererError(
+                f"{named(view)}: the reference is black wherever the maps show: expected light on the material"
+            )
+        exposure = film_exposure(pixels[found.seen > 0])
+        reference = _looks(pixels, exposure)
+        weights = 1 / _energies(reference, shown)
+        started = np.maximum(weights * _energies(_looks(found.image, exposure) - reference, shown), _LEAST_ERROR)
+        sizes, uv_da = parameters.sizes, found.uv_da
+        if uv_da is not None:
+            touched = touched_texels(sizes, found.uv, None, uv_da, found.seen, "anisotropic", wrap)
+        else:
+            touched = touched_texels(sizes, found.uv, found.lod, None, found.seen, "trilinear", wrap)
+        read = contributions(touched)
+        return Prepared(
+            view,
+            named(view),
+            str(getattr(view, "scale", "") or "all"),
+            found.size,
+            exposure,
+            reference,
+            weights,
+            started,
+            shown,
+            tiles_of(np.asarray(read.elements), parameters.sizes),
+            parameters.shares(read),
+            read,
+        )
 
     @property
-    def levels(self) -> list[int]:
-        """The levels that show."""
-        return [level for level, share in enumerate(self.shares) if share > 0]
-
-    @property
-    def started(self) -> list[float]:
-        """The error of each part, as a share, of the stack that a fit started from."""
-        return [part.started for part in self.parts]
+    def visible(self) -> NDArray[np.int32]:
+        """The texels that show, (K,) int32, increasing."""
+        return np.asarray(self.read.elements)
 
     @cached_property
     def wanted(self) -> Array:
-        """(P, 3 parts) the reference, as `compared` has images."""
-        return joined(self.parts, [part.reference for part in self.parts])
+        """(P, 6) the reference, as `compared` has images."""
+        return self.reference * self._factors
+
+    @cached_property
+    def _factors(self) -> Array:
+        return np.sqrt(self.weights / self.started).astype(np.float32).repeat(3)
+
+    def rendered(self, renderer: Renderer[Any], levels: Levels) -> Array:
+        """(P, 3) pixels, as the renderer shows them. RendererError: no image, or one of another size."""
+        return image_of(renderer.render(levels, self.view), self.name, self.size).reshape(-1, 3)
 
     def compared(self, pixels: Array) -> Array:
-        """(P, 3 parts) pixels (P, 3) of an image as all parts compare them.
+        """(P, 6) pixels (P, 3) of an image as they are compared.
 
-        The sum of squared differences is the sum of the errors of the parts, each as a share of its error at the start
-        of the fit: what a view has left counts as much in every view and in every part.
+        The sum of squared differences is the sum of both errors, each as a share of its error at the start of the fit:
+        what a view has left counts as much in every view and in both parts.
         """
-        return joined(self.parts, [part.compared(pixels) for part in self.parts])
+        return _looks(pixels, self.exposure) * self._factors
 
     def errors(self, pixels: Array) -> NDArray[np.float64]:
-        """(parts,) errors of the pixels (P, 3) of an image, as shares of the reference's sums of squares."""
-        return np.array([part.error(pixels) for part in self.parts])
+        """(2,) errors of the pixels (P, 3) of an image, as shares of the reference's sums of squares."""
+        return self.weights * _energies(_looks(pixels, self.exposure) - self.reference, self.shown)
 
 
-@dataclass(frozen=True, eq=False)
-class Preparation:
-    """How views are prepared.
+def _looks(pixels: Array, exposure: float) -> Array:
+    """(P, 6) pixels as a display shows them, and as they are. As `mipbake.quality.metrics.displayed` of exposed
+    radiance, in float32, which takes a quarter of the time."""
+    light: Any = tonemapped(pixels * np.float32(exposure))
+    return np.concatenate([np.asarray(linear_to_srgb(light), np.float32), pixels], -1)
+
+
+def _energies(looks: Array, shown: Array) -> NDArray[np.float64]:
+    """(2,) sums of squares of the two halves of (P, 6), over pixels that count."""
+    return np.asarray((np.square(looks, dtype=np.float64) * shown[:, None]).sum(0).reshape(2, 3).sum(-1))
+
+
+def decibels(errors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """SNR in dB of errors that are shares of 1."""
+    return np.asarray(-10 * np.log10(np.maximum(errors, _LEAST_ERROR)))
+
+
+def worth(gains: NDArray[np.float64]) -> NDArray[np.float64]:
+    """What gains are worth, in dB: their mean over both parts, where a loss counts several times.
 
     Args:
-        renderer: what renders. parameters: of the stack. wrap: its addressing.
-        texels: which texels a pixel is credited to: "all" that its lookup reads, or the "nearest", as in the paper.
-        source: level 0 of the source, for supersampled references; None without.
-        kernel: the pixel filter. passes: renders of a reference; None for as many as the level of detail asks for.
-        seed: of the offsets.
-        error: what is compared, a name in `mipbake.fitting.comparisons.ERRORS`.
+        gains: (..., 2) in dB; NaN where nothing is known, which a mean then is, too.
     """
-
-    renderer: Renderer[Any]
-    parameters: Parameters
-    wrap: tuple[str, str]
-    texels: str
-    source: Levels | None
-    kernel: PixelFilter
-    passes: int | None
-    seed: int
-    error: str
-
-    def seen(self, view: Any, levels: Levels) -> tuple[Looked, Array]:
-        """Where a view's pixels look these levels up, and its image (H, W, 3). RendererError: a frame that is none."""
-        who = named(view)
-        frame = self.renderer.render(levels, view)
-        return looked(frame, who), image_of(frame, who).copy()  # a renderer may use its arrays again
-
-    def of(self, view: Any, seen: tuple[Looked, Array], given: Any, held_out: bool) -> Prepared:
-        """A view, with the reference image that is given, or with a supersampled one in place of None.
-
-        Args:
-            seen: of the stack that the fit starts from.
-
-        Raises:
-            UsageError: no reference, and no source to make one of.
-            RendererError: a frame that is none.
-        """
-        who, (found, own) = named(view), seen
-        footprint = "trilinear" if found.uv_da is None else "anisotropic"
-        every = contributions(self._touched(found, footprint))
-        if held_out:
-            credited = contributions(np.empty((0, 1), np.int32))
-        else:
-            credited = contributions(self._touched(found, "nearest")) if self.texels == "nearest" else every
-        image = self._supersampled(view, found, held_out) if given is None else _given(given, who, found.size)
-        pixels, shown = image.reshape(-1, 3), found.seen.astype(np.float32)
-        if not (pixels[found.seen > 0] > 0).any():
-            raise RendererError(f"{who}: the reference is black wherever the maps show: expected light on the material")
-        parts = tuple(part.begun(own.reshape(-1, 3)) for part in comparisons(self.error, pixels, shown))
-        visible = np.asarray(every.elements)
-        return Prepared(
-            view,
-            who,
-            str(getattr(view, "scale", "") or "all"),
-            found.size,
-            parts,
-            shown,
-            visible,
-            tiles_of(visible, self.parameters.sizes),
-            self.parameters.shares(every),
-            credited,
-        )
-
-    def _touched(self, found: Looked, texels: str) -> NDArray[np.int32]:
-        sizes, uv_da = self.parameters.sizes, found.uv_da
-        if uv_da is not None:
-            return touched_texels(sizes, found.uv, None, uv_da, found.seen, texels, self.wrap)
-        return touched_texels(sizes, found.uv, found.lod, None, found.seen, texels, self.wrap)
-
-    def _supersampled(self, view: Any, found: Looked, held_out: bool) -> Array:
-        if self.source is None:
-            raise UsageError(
-                "neither source nor reference is given: expected the texture set that the stack was baked from, or "
-                "reference images"
-            )
-        lod = _middle_lod(found, self.parameters.sizes[0])
-        passes = passes_for(lod, held_out) if self.passes is None else self.passes
-        whole = bool(found.seen.all())
-        return supersampled(self.renderer, self.source, view, self.kernel, passes, self.seed, whole, found.size)
-
-
-_LEAST_PASSES, _MOST_PASSES, _CHECKED = 16, 256, 4
-"""Renders of a reference: so many at level of detail 0, twice as many at each level more, up to so many; and so many
-times as many where a view is held out. Noise in what is learned from averages out over the views (Lehtinen et al.
-2018), so more views are better than less noise."""
-
-
-def passes_for(lod: float, held_out: bool) -> int:
-    """Renders of a reference whose pixels see 4^lod texels."""
-    passes = int(np.clip(_LEAST_PASSES * 2.0 ** max(lod, 0.0), _LEAST_PASSES, _MOST_PASSES))
-    return passes * _CHECKED if held_out else passes
-
-
-def _middle_lod(found: Looked, size: tuple[int, int]) -> float:
-    seen = found.seen > 0
-    if found.lod is not None:
-        return float(np.median(found.lod[seen]))
-    assert found.uv_da is not None
-    scaled = found.uv_da[seen].reshape(-1, 2, 2) * np.array([[size[1]], [size[0]]], np.float32)
-    return float(np.median(np.log2(np.maximum(np.linalg.norm(scaled, axis=(1, 2)), 1e-6))))
-
-
-def _given(value: Any, who: str, size: tuple[int, int]) -> Array:
-    image = np.asarray(value, np.float32)
-    if image.ndim != 3 or image.shape[:2] != size or image.shape[2] not in (3, 4) or not np.isfinite(image).all():
-        raise UsageError(
-            f"the reference of {who} has shape {image.shape}: expected ({size[0]}, {size[1]}, 3) finite numbers, as "
-            "the renderer's image has"
-        )
-    return np.array(image[..., :3], order="C")  # a copy: whoever made it may use the array again
-
-
-def render_pixels(renderer: Renderer[Any], levels: Levels, view: Prepared) -> Array:
-    """(P, 3) pixels of a prepared view, as the renderer shows them.
-
-    Raises:
-        RendererError: no image, or one of another size.
-    """
-    return rendered(renderer, levels, view.view, view.name, view.size).reshape(-1, 3)
+    return np.asarray(np.where(gains < 0, _LOSS * gains, gains).mean(-1), np.float64)
 
 
 def scores(views: Sequence[Prepared], errors: NDArray[np.float64]) -> dict[str, float]:
-    """Mean SNR in dB of each scale and part, in the order in which the views name them.
+    """Mean SNR in dB of each scale, in the order in which the views name them, and of linear radiance as in
+    `near (linear)`.
 
     Args:
-        errors: (views, parts).
-
-    Returns:
-        By the name of the scale; from the second part on, with the part's name behind it, as in `near (linear)`.
+        errors: (views, 2).
     """
     found: dict[str, list[float]] = {}
     for view, row in zip(views, decibels(errors), strict=True):
-        for index, (part, snr) in enumerate(zip(view.parts, row, strict=True)):
-            found.setdefault(f"{view.scale} ({part.name})" if index else view.scale, []).append(float(snr))
+        for part, snr in zip(_PARTS, row.tolist(), strict=True):
+            found.setdefault(view.scale + part, []).append(snr)
     return {scale: sum(each) / len(each) for scale, each in found.items()}
 
 
 def scores_of_levels(views: Sequence[Prepared], errors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(levels, parts) mean SNR in dB of the views, weighed with how much of each level they show; NaN where none does.
+    """(levels, 2) mean SNR in dB of the views, weighed with how much of each level they show; NaN where none does.
 
     Args:
-        errors: (views, parts).
+        errors: (views, 2).
     """
     shares = np.stack([view.shares for view in views])
     shown = np.sum(shares, axis=0)[:, None]

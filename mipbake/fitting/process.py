@@ -1,48 +1,52 @@
-"""A renderer that is a program of the user's own: it is started once, and renders what it is asked to.
+"""A renderer that is a program of the user's own: it is started once, and renders what it is given.
 
 docs/fit-protocol.md is the protocol, for whoever writes such a program.
 """
 
 from __future__ import annotations
 
-import math
-import mmap
 import os
-import shutil
+import queue
+import shlex
+import signal
+import subprocess
 import sys
-import tempfile
+import threading
+import time
 import weakref
-from collections.abc import Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import IO, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from mipbake.base.errors import OutputError, RendererError, UsageError
-from mipbake.base.leftovers import begun, tidy
-from mipbake.base.publish import reason
+from mipbake.base.errors import RendererError, UsageError
+from mipbake.base.leftovers import begun
 from mipbake.base.signals import uninterrupted
-from mipbake.comparing.meshes.mesh import Mesh
-from mipbake.fitting.child import Child, command_of
-from mipbake.fitting.program import ARRAYS, Frame
-from mipbake.fitting.protocol import JsonView, check_answer, glb_of, request_line, view_as_json
-from mipbake.fitting.renderer import Array, Levels
+from mipbake.fitting.exchange import Exchange, place
+from mipbake.fitting.program import Frame
+from mipbake.fitting.protocol import JsonView, as_answer, check_answer, request_line, view_as_json
+from mipbake.fitting.renderer import Levels
 from mipbake.fitting.views import View
 
-_MEMORY = Path("/dev/shm")
-"""Where files of Linux lie in memory."""
+TIMEOUT = 120.0
+"""Seconds that a program may take to start, and for each frame."""
+
+_KEPT, _SHOWN = 20, 400
+"""Lines of each stream that errors show, and letters of a line."""
+
+_LONGEST = 1 << 20
+"""Bytes of a line. What is longer is several lines, so that no program fills the memory."""
+
+_LOOK = 0.25
+"""Seconds between looks at whether a program still lives."""
 
 _END = 5.0
-"""Seconds for a program to end after it was asked to."""
+"""Seconds for a program to end after it was asked to, and for the system to end one that was killed."""
 
-_MESHES = 512
-"""Meshes whose files are kept for later views."""
-
-_ROOM = 4 << 30
-"""Bytes that must be free there: more than the maps of 8192 texels a side take."""
+_GRACE = 1.0
+"""Seconds for a program whose output has ended to end too, and for what it printed to arrive."""
 
 
 class ProcessRenderer:
@@ -53,57 +57,53 @@ class ProcessRenderer:
 
     Args:
         command: the program and its arguments: words, or one text, which is split as a shell does. No shell runs.
-        timeout: seconds for a frame.
-        start_timeout: seconds from the start of the program to its first answer.
+        timeout: seconds for its start, and for a frame.
 
     Raises:
         UsageError: a command without a program, or a time that is not above 0.
     """
 
-    def __init__(self, command: str | Sequence[str], *, timeout: float = 60.0, start_timeout: float = 120.0) -> None:
+    def __init__(self, command: str | Sequence[str], *, timeout: float = TIMEOUT) -> None:
         try:
-            self._command = command_of(command)
+            # On Windows, backslashes are parts of names.
+            windows = sys.platform == "win32"
+            words = shlex.split(command, posix=not windows) if isinstance(command, str) else map(os.fspath, command)
+            self._command = [word.strip('"') if windows else word for word in words]
         except ValueError as error:
             raise UsageError(
                 f"the command of the renderer, {command!r}, cannot be read ({error}): expected a program and its "
                 "arguments"
             ) from None
-        for seconds in (timeout, start_timeout):
-            if not (math.isfinite(seconds) and seconds > 0):
-                raise UsageError(f"a renderer cannot have {seconds} seconds: expected a number above 0")
-        self._timeout, self._start_timeout = timeout, start_timeout
-        self._running: _Running | None = None
+        if not self._command or not self._command[0]:
+            raise UsageError(f"the command of the renderer, {command!r}, names no program: expected one")
+        if not 0 < timeout < float("inf"):
+            raise UsageError(f"a renderer cannot have {timeout} seconds: expected a number above 0")
+        self._timeout = timeout
+        self._running: tuple[_Program, weakref.finalize[[], ProcessRenderer]] | None = None
         self.called = Path(self._command[0]).name
         """What provenance calls it: the name that the program gave, or the program where it has not started."""
 
-    def start(self) -> _Running:
+    def start(self) -> _Program:
         """Starts the program, unless it runs.
 
         Raises:
             RendererError, UsageError: as `render`.
         """
-        if self._running is None:
-            with ExitStack() as held:
-                folder = held.enter_context(begun(_place(), lambda path: path.mkdir(mode=0o700)))
-                exchange = _Exchange(folder)
-                held.callback(exchange.close)
-                with uninterrupted():
-                    child = Child(self._command)
-                    held.callback(child.kill)
-                try:
-                    answer = child.ask(
-                        request_line("hello", {"folder": str(folder)}), self._start_timeout, "start and say hello"
-                    )
-                    check_answer(answer, "hello")
-                except RendererError as error:
-                    child.kill()
-                    raise RendererError(f"{error}\n{child.printed()}") from error
-                self.called = answer["renderer"]
-                with uninterrupted():
-                    kept = held.pop_all()
-                    self._running = _Running(child, exchange, weakref.finalize(self, kept.close))
-        assert self._running is not None
-        return self._running
+        if self._running is not None:
+            return self._running[0]
+        with ExitStack() as held:
+            folder = held.enter_context(begun(place(), lambda path: path.mkdir(mode=0o700)))
+            with uninterrupted():
+                program = _Program(self._command, folder)
+                held.callback(program.kill)
+            try:
+                answer = program.ask("hello", {"folder": str(folder)}, self._timeout, "start and say hello")
+            except RendererError as error:
+                raise program.failed(error) from error
+            self.called = answer["renderer"]
+            with uninterrupted():
+                self._running = program, weakref.finalize(self, held.pop_all().close)
+        return program
 
     def render(self, levels: Levels, view: View | JsonView) -> Frame:
         """The frame that the program renders: arrays of float32 of its own.
@@ -115,23 +115,22 @@ class ProcessRenderer:
             RendererError: the program cannot be started, takes too long, ends, breaks the protocol, or reports an
                 error. The message has the last lines that it printed.
             OutputError: there is no room for what it is to be handed.
-            UsageError: the view cannot be told in JSON, or the program says that what it was given is of no use.
+            UsageError: the view cannot be written in JSON, or the program says that what it was given is of no use.
         """
-        running = self.start()
+        program = self.start()
         try:
-            return running.render(levels, view, self._timeout)
-        except RendererError as error:
+            return program.render(levels, view, self._timeout)
+        except BaseException as error:
             self._kill()
-            raise RendererError(f"{error}\n{running.child.printed()}") from error
-        except BaseException:
-            self._kill()
+            if isinstance(error, RendererError):
+                raise program.failed(error) from error
             raise
 
     def close(self) -> None:
         """Asks the program to end, gives it some seconds, and ends it; removes what was exchanged. Twice is once."""
         if self._running is not None:
             try:
-                self._running.child.end(request_line("end"), _END)
+                self._running[0].end()
             finally:
                 self._kill()
 
@@ -149,163 +148,179 @@ class ProcessRenderer:
     def _kill(self) -> None:
         running, self._running = self._running, None
         if running is not None:
-            running.ended()
+            running[1]()
 
 
-class _Running:
-    """A program that has said hello, and what it shares with this process.
+class _Program:
+    """A program that runs, and the files that it shares with this process. Threads keep its pipes empty or filled, so
+    neither side ever waits for the other.
 
     Args:
-        ended: ends it and removes the folder.
+        command: the program and its arguments. folder: for the files, best in memory.
+
+    Raises:
+        RendererError: it cannot be started.
     """
 
-    def __init__(self, child: Child, exchange: _Exchange, ended: weakref.finalize[[], ProcessRenderer]) -> None:
-        self.child, self.ended, self._exchange = child, ended, exchange
-        self._meshes: dict[Mesh, Path] = {}
-        self._count = 0
+    def __init__(self, command: Sequence[str], folder: Path) -> None:
+        self._exchange = Exchange(folder)
+        self._answers: queue.SimpleQueue[dict[str, Any] | None] = queue.SimpleQueue()
+        self._lines: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
+        self._printed: dict[str, deque[bytes]] = {name: deque(maxlen=_KEPT) for name in ("output", "error")}
+        try:
+            # A session of its own makes a group of the program and of what it starts, and keeps Ctrl-C from it.
+            self._process = subprocess.Popen(
+                list(command),
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                bufsize=0,
+                start_new_session=True,
+            )
+        except (OSError, ValueError) as error:
+            raise RendererError(
+                f"the renderer {command[0]} cannot be started ({getattr(error, 'strerror', None) or error}): expected "
+                "a program and its arguments"
+            ) from error
+        process = self._process
+        assert process.stdin and process.stdout and process.stderr
+        self._threads = {
+            process.stdin: threading.Thread(target=self._feed, args=[process.stdin], daemon=True),
+            process.stdout: threading.Thread(target=self._listen, args=[process.stdout], daemon=True),
+            process.stderr: threading.Thread(
+                target=_read, args=[process.stderr, self._printed["error"].append], daemon=True
+            ),
+        }
+        for thread in self._threads.values():
+            thread.start()
 
     def render(self, levels: Levels, view: View | JsonView, seconds: float) -> Frame:
-        told = view_as_json(view, self._mesh_file)
-        file = self._exchange.folder / "frame.f32"
-        content = {"levels": self._exchange.give(levels), "view": told, "frame": str(file)}
-        answer = self.child.ask(request_line("render", content), seconds, f"render {view.name}")
-        check_answer(answer, "frame")
-        return self._exchange.take(answer, file)
+        """The frame of a view. Raises as `ProcessRenderer.render`."""
+        content = view_as_json(view, self._exchange.mesh)
+        request = {"levels": self._exchange.hand(levels), "view": content, "frame": str(self._exchange.frame)}
+        return self._exchange.taken(self.ask("render", request, seconds, f"render {view.name}"))
 
-    def _mesh_file(self, mesh: Mesh) -> Path:
-        """The file of a mesh, which is written where it is not there. Meshes are told apart by identity."""
-        if mesh not in self._meshes:
-            self._count += 1
-            file = self._exchange.folder / f"mesh-{self._count}.glb"
+    def ask(self, request: str, content: Mapping[str, Any], seconds: float, doing: str) -> dict[str, Any]:
+        """Sends a request, and gives the answer.
+
+        Args:
+            doing: what the program is to do, for messages, such as "start".
+
+        Raises:
+            RendererError: it took longer, the program has ended, or its answer is none.
+            UsageError: the content cannot be written, or the program says that it is of no use.
+        """
+        self._lines.put(request_line(request, content))
+        end, dead = time.monotonic() + seconds, False
+        while (rest := end - time.monotonic()) > 0:
             try:
-                if len(self._meshes) >= _MESHES:
-                    self._meshes.pop(next(iter(self._meshes))).unlink(missing_ok=True)
-                file.write_bytes(glb_of(mesh))
-            except OSError as error:
-                raise OutputError(f"cannot hand a mesh to the renderer in {file}: {reason(error)}") from error
-            self._meshes[mesh] = file
-        return self._meshes[mesh]
+                answer = self._answers.get(timeout=min(rest, _LOOK))  # Python handles signals in between
+            except queue.Empty:
+                if dead:  # for a while, so nothing of what it said is still on its way
+                    raise RendererError(f"{self._death()} and did not {doing}") from None
+                dead = self._process.poll() is not None
+                continue
+            if answer is None:
+                raise RendererError(f"{self._death()} and did not {doing}")
+            check_answer(answer, "hello" if request == "hello" else "frame")
+            return answer
+        raise RendererError(
+            f"the renderer did not {doing} within {seconds:g} seconds, and was stopped: see what it printed, or give "
+            "it more time"
+        )
 
+    def failed(self, error: RendererError) -> RendererError:
+        """The same error with the last lines of both streams, once the program is ended."""
+        self.kill()
+        parts = []
+        for name, lines in self._printed.items():
+            shown = [text for line in lines.copy() if (text := _shown(line))]
+            if shown:
+                parts.append("\n  ".join([f"last on its standard {name}:", *shown]))
+        return RendererError(f"{error}\n" + ("\n".join(parts) or "it printed nothing"))
 
-class _Exchange:
-    """The files of one program, in a folder that is there; best in memory."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self._count = 0
-        self._layout: object = None
-        self._stamps: tuple[NDArray[np.int64], ...] | None = None
-        self._file: Path | None = None
-        self._map: mmap.mmap | None = None
-
-    def give(self, levels: Levels) -> dict[str, Any]:
-        """Writes the texels that the program has not got, and returns what it is told of all of them.
-
-        Raises:
-            OutputError: there is no room.
-        """
-        widths = {name: each[0].shape[2] for name, each in levels.maps.items()}
-        layout = levels.model, tuple(levels.wrap), widths, levels.sizes
-        if layout != self._layout:
-            self.close()
-            self._layout, self._stamps, self._count = None, None, self._count + 1
-            self._file = self.folder / f"maps-{self._count}.f32"
-            self._map = _mapped(self._file, sum(4 * level.size for each in levels.maps.values() for level in each))
-            self._layout = layout
-        changed, self._stamps = levels.changed(self._stamps), levels.stamps
-        assert self._map is not None
-        at = 0
-        for index, parts in enumerate(changed):
-            for maps in levels.maps.values():
-                values = maps[index]
-                out = np.frombuffer(self._map, "<f4", values.size, at).reshape(values.shape)
-                for part in parts:
-                    np.copyto(part.of(out), part.of(values), casting="same_kind")
-                del out  # else the file could not be let go of
-                at += 4 * values.size
-        stack = [
-            {"size": list(size), "changed": [list(part) for part in parts]}
-            for size, parts in zip(levels.sizes, changed, strict=True)
-        ]
-        about = {"model": levels.model, "wrap": list(levels.wrap), "maps": widths, "stack": stack}
-        return {**about, "file": str(self._file)}
-
-    def take(self, answer: Mapping[str, Any], file: Path) -> Frame:
-        """The frame that an answer tells of; its file is removed.
-
-        Raises:
-            RendererError: there is none, or it is cut short. What else it lacks is for others to say.
-        """
-        shapes = answer.get("arrays")
-        if not isinstance(shapes, dict) or "image" not in shapes:
-            raise RendererError('the frame of the renderer shows nothing: expected an object "arrays" with an image')
+    def end(self) -> None:
+        """Asks the program to end, and closes its standard input; then kills what is left."""
         try:
-            numbers = np.fromfile(file, "<f4").astype(np.float32, copy=False)
-        except OSError as error:
-            raise RendererError(
-                f"the frame of the renderer cannot be read ({error.strerror or error}): expected the file {file}, "
-                "complete before the answer"
-            ) from error
+            self._lines.put(request_line("end", {}))
+            self._lines.put(None)
+            with suppress(subprocess.TimeoutExpired):
+                self._process.wait(_END)
         finally:
-            with suppress(OSError):
-                file.unlink()
-        found: dict[str, Array] = {}
-        at = 0
-        for name, shape in shapes.items():
-            if not isinstance(shape, list) or not all(type(each) is int and each >= 0 for each in shape):
-                raise RendererError(
-                    f"the renderer gave {name} of its frame the shape {shape!r}: expected whole numbers"
-                )
-            count = math.prod(shape)
-            if at + count > numbers.size:
-                raise RendererError(
-                    f"the frame that the renderer wrote is cut short: expected {4 * count} bytes of {name} from byte "
-                    f"{4 * at} on, found {4 * numbers.size} bytes"
-                )
-            if name in ARRAYS:
-                found[name] = numbers[at : at + count].reshape(shape)
-            at += count
-        return Frame(found["image"], *(found.get(name) for name in ARRAYS[1:]))
+            self.kill()
 
-    def close(self) -> None:
-        """Lets go of the file of the maps. Twice is once."""
-        if self._map is not None:
-            with suppress(BufferError):  # an error still holds what it was about to write; it goes with that
-                self._map.close()
-            self._map = None
-        if self._file is not None:
-            with suppress(OSError):  # a program may still hold it, where systems mind that
-                self._file.unlink()
-            self._file = None
-
-
-def _mapped(file: Path, size: int) -> mmap.mmap:
-    """A new file of zeros, mapped into memory, which takes its room on the disk at once: a page that finds none later
-    would end the process."""
-    try:
-        with file.open("w+b") as opened:
-            if hasattr(os, "posix_fallocate"):
-                os.posix_fallocate(opened.fileno(), 0, size)
+    def kill(self) -> None:
+        """Ends the program and all of its group at once, and lets go of its files. What it has printed is still read.
+        Twice is once."""
+        with uninterrupted():
+            if not self._threads:
+                return
+            if sys.platform == "win32":
+                self._process.kill()
             else:
-                opened.write(bytes(size))
-                opened.flush()
-            return mmap.mmap(opened.fileno(), size)
-    except OSError as error:
-        raise OutputError(f"cannot hand levels to the renderer in {file}: {reason(error)}") from error
+                with suppress(ProcessLookupError, PermissionError):
+                    os.killpg(self._process.pid, signal.SIGKILL)
+            with suppress(subprocess.TimeoutExpired):
+                self._process.wait(_END)
+            self._lines.put(None)
+            threads, self._threads = self._threads, {}
+            for stream, thread in threads.items():
+                thread.join(_GRACE)
+                if not thread.is_alive():  # else a process that left the group still holds the pipe
+                    with suppress(OSError):
+                        stream.close()
+            self._exchange.close()
 
-
-def _place() -> Path:
-    """Beside which path a folder for the exchange is made: in memory where there is room, or among temporary files.
-
-    What killed processes left there is removed.
-    """
-    place = Path(tempfile.gettempdir())
-    if sys.platform == "linux":
+    def _death(self) -> str:
         try:
-            if shutil.disk_usage(_MEMORY).free >= _ROOM:
-                with tempfile.TemporaryFile(dir=_MEMORY):  # there may be room, and no permission
-                    place = _MEMORY
-        except OSError:
-            pass
-    tidy(place / "mipbake-fit")
-    return place / "mipbake-fit"
+            code = self._process.wait(_GRACE)
+        except subprocess.TimeoutExpired:
+            return "the renderer closed its standard output, where an answer was expected,"
+        if code >= 0:
+            return f"the renderer ended with the exit code {code}"
+        name = signal.Signals(-code).name if -code in signal.valid_signals() else str(-code)
+        return f"the renderer was ended by the signal {name}"
+
+    def _feed(self, stream: IO[bytes]) -> None:
+        """Writes lines until there are no more, or nobody reads them."""
+        with suppress(OSError):
+            while (line := self._lines.get()) is not None:
+                rest = memoryview(line)
+                while rest:
+                    rest = rest[stream.write(rest) :]
+        with suppress(OSError):
+            stream.close()
+
+    def _listen(self, stream: IO[bytes]) -> None:
+        """Takes answers, until there are no more."""
+
+        def take(line: bytes) -> None:
+            answer = as_answer(line)
+            if answer is None:
+                self._printed["output"].append(line)
+            else:
+                self._answers.put(answer)
+
+        _read(stream, take)
+        self._answers.put(None)
+
+
+def _read(stream: IO[bytes], take: Callable[[bytes], None]) -> None:
+    """Takes lines until the stream ends."""
+    rest = b""
+    with suppress(OSError):
+        while chunk := stream.read(1 << 16):
+            *lines, rest = (rest + chunk).split(b"\n")
+            for line in lines:
+                take(line)
+            if len(rest) > _LONGEST:
+                take(rest)
+                rest = b""
+    take(rest)
+
+
+def _shown(line: bytes) -> str:
+    """A printed line as text, without what terminals take for commands."""
+    text = line[: 4 * _SHOWN].decode("utf-8", "backslashreplace").replace("\t", "    ").rstrip()
+    text = "".join(letter for letter in text if letter.isprintable())
+    return text if len(text) <= _SHOWN else text[:_SHOWN] + "..."

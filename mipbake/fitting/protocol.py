@@ -4,28 +4,24 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from mipbake.base import disk, json_text
-from mipbake.base.errors import InputError, RendererError, UsageError
+from mipbake.base.errors import InputError, MipbakeError, RendererError, UsageError
 from mipbake.comparing.meshes.camera import Camera
 from mipbake.comparing.meshes.mesh import Mesh
 from mipbake.comparing.meshes.mesh_gltf import read_gltf
 from mipbake.fitting.program import VERSION
 from mipbake.fitting.views import View
+from mipbake.material import GLTF_MODELS
 from mipbake.quality.environment import directional
-from mipbake.source.gltf.container import packed
 
-_ATTRIBUTES = (("POSITION", "VEC3"), ("NORMAL", "VEC3"), ("TEXCOORD_0", "VEC2"), ("TANGENT", "VEC4"))
 _MEANT = re.compile(rb'\s*\{\s*"mipbake"')  # how a line begins that is meant as an answer
 _UNREADABLE = "unreadable"
-_FLOAT, _UINT = 5126, 5125  # component types, section 3.6.2.2 of the specification of glTF 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,16 +56,12 @@ class JsonView:
         """What the renderer gets: the content, with the sum of both offsets where the view is moved.
 
         Raises:
-            UsageError: the view is moved, and its content has an offset that is not two numbers.
+            UsageError: its content has an offset that is not two numbers.
         """
+        own = _offset(self.content, f"the view {self.name}", UsageError)
         if self.offset == (0.0, 0.0):
             return dict(self.content)
-        own = self.content.get("offset", (0.0, 0.0))
-        if not _are_two_numbers(own):
-            raise UsageError(
-                f"the view {self.name} has the offset {own!r}: expected two numbers, right and up in pixels"
-            )
-        return {**self.content, "offset": [float(own[0] + self.offset[0]), float(own[1] + self.offset[1])]}
+        return {**self.content, "offset": [float(a + b) for a, b in zip(own, self.offset, strict=True)]}
 
     def _text(self, key: str, otherwise: str) -> str:
         found = self.content.get(key)
@@ -91,12 +83,16 @@ def read_views(path: Path | str) -> list[JsonView]:
     if not isinstance(found, list) or not found or not all(isinstance(each, dict) for each in found):
         raise InputError(f"{path} does not hold views: expected {expected}")
     for number, each in enumerate(found):
-        if not _are_two_numbers(each.get("offset", (0.0, 0.0))):
-            raise InputError(
-                f"view {number} of {path} has the offset {each['offset']!r}: expected two numbers, right and up in "
-                "pixels"
-            )
+        _offset(each, f"view {number} of {path}", InputError)
     return [JsonView(each) for each in found]
+
+
+def _offset(content: Mapping[str, Any], who: str, kind: type[MipbakeError]) -> Sequence[float]:
+    """The "offset" of a view of a user's own, [right, up] in pixels; an error where it is something else."""
+    own = content.get("offset", (0.0, 0.0))
+    if not isinstance(own, (list, tuple)) or [type(each) in (int, float) for each in own] != [True, True]:
+        raise kind(f"{who} has the offset {own!r}: expected two numbers, right and up in pixels")
+    return own
 
 
 def view_as_json(view: Any, mesh_file: Callable[[Mesh], Path]) -> dict[str, Any]:
@@ -112,7 +108,7 @@ def view_as_json(view: Any, mesh_file: Callable[[Mesh], Path]) -> dict[str, Any]
         return view.as_json()
     if not isinstance(view, View):
         raise UsageError(
-            f"a renderer in a process of its own cannot be told of a view of the type {type(view).__name__}: expected "
+            f"a renderer in a process of its own cannot get a view of the type {type(view).__name__}: expected "
             "a View or a JsonView"
         )
     camera = view.camera
@@ -137,52 +133,25 @@ def _mesh_in(file: str) -> Mesh:
     return read_gltf(Path(file))
 
 
-def view_of(told: Mapping[str, Any]) -> View:
+def view_of(content: Mapping[str, Any]) -> View:
     """The view that `view_as_json` was made of, on the side of a program; the mesh of a file is always one object."""
-    camera = Camera(**{key: value for key, value in told["camera"].items() if key != "matrix"})
-    lights = directional("lights", *([each[key] for each in told["lights"]] for key in ("direction", "radiance")))
-    height, width = told["size"]
-    right, up = told["offset"]
-    return View(told["name"], told["scale"], _mesh_in(told["mesh"]), camera, lights, (height, width), (right, up))
+    camera = Camera(**{key: value for key, value in content["camera"].items() if key != "matrix"})
+    lights = directional("lights", *([each[key] for each in content["lights"]] for key in ("direction", "radiance")))
+    height, width = content["size"]
+    right, up = content["offset"]
+    return View(
+        content["name"], content["scale"], _mesh_in(content["mesh"]), camera, lights, (height, width), (right, up)
+    )
 
 
-def glb_of(mesh: Mesh) -> bytes:
-    """A mesh as a GLB file: one node without a transform, one primitive with indices, all numbers of 32 bits."""
-    arrays = [np.asarray(a, "<f4") for a in (mesh.positions, mesh.normals, mesh.uv, mesh.tangents)]
-    indices = np.asarray(mesh.triangles, "<u4").reshape(-1)
-    blocks = [array.tobytes() for array in (*arrays, indices)]
-    starts = [sum(map(len, blocks[:index])) for index in range(len(blocks))]
-    accessors: list[dict[str, Any]] = [
-        {"bufferView": index, "componentType": _FLOAT, "count": len(array), "type": kind}
-        for index, (array, (_, kind)) in enumerate(zip(arrays, _ATTRIBUTES, strict=True))
-    ]
-    accessors[0] |= {"min": arrays[0].min(0).tolist(), "max": arrays[0].max(0).tolist()}
-    accessors.append({"bufferView": len(arrays), "componentType": _UINT, "count": len(indices), "type": "SCALAR"})
-    attributes = {name: index for index, (name, _) in enumerate(_ATTRIBUTES)}
-    document = {
-        "asset": {"version": "2.0", "generator": "mipbake"},
-        "scene": 0,
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0}],
-        "meshes": [{"name": mesh.name, "primitives": [{"attributes": attributes, "indices": len(arrays), "mode": 4}]}],
-        "accessors": accessors,
-        "bufferViews": [
-            {"buffer": 0, "byteOffset": start, "byteLength": len(block)}
-            for start, block in zip(starts, blocks, strict=True)
-        ],
-        "buffers": [{"byteLength": sum(map(len, blocks))}],
-    }
-    return packed(json.dumps(document).encode(), b"".join(blocks))
-
-
-def request_line(request: str, content: Mapping[str, Any] | None = None) -> bytes:
+def request_line(request: str, content: Mapping[str, Any]) -> bytes:
     """A request as the line that a program gets: ASCII, with a line feed.
 
     Raises:
         UsageError: the content has something that JSON has not, as views of a user's own may.
     """
     try:
-        text = json.dumps({"mipbake": VERSION, "request": request, **(content or {})}, allow_nan=False)
+        text = json.dumps({"mipbake": VERSION, "request": request, **content}, allow_nan=False)
     except (TypeError, ValueError, RecursionError) as error:
         raise UsageError(f"the request {request} cannot be written as JSON ({error}): expected plain values") from None
     return text.encode("ascii") + b"\n"
@@ -232,9 +201,7 @@ def check_answer(answer: Mapping[str, Any], expected: str) -> None:
         raise RendererError('the renderer did not say its name: expected a text as "renderer" of its answer "hello"')
 
 
-def _are_two_numbers(value: Any) -> bool:
-    return (
-        isinstance(value, (list, tuple))
-        and len(value) == 2
-        and all(isinstance(each, (int, float)) and not isinstance(each, bool) for each in value)
-    )
+def check_model(renderer: str, model: str) -> None:
+    """UsageError for a material model that glTF does not have: no renderer that comes with mipbake shades it."""
+    if model not in GLTF_MODELS:
+        raise UsageError(f"the renderer {renderer} knows no model {model!r}: expected {' or '.join(GLTF_MODELS)}")

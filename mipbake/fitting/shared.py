@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -18,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import stochastic
-from mipbake.fitting.loop import FitSettings, Loop
+from mipbake.fitting.loop import Loop
 from mipbake.fitting.parameters import Parameters
 from mipbake.fitting.prepared import Prepared
 from mipbake.fitting.renderer import Array
@@ -58,6 +59,8 @@ _FLOOR = 1e-6
 _TRIES = 3
 """A step is computed about so often, because limits stop numbers."""
 
+_MEAN = -1
+
 
 @dataclass(frozen=True)
 class Number:
@@ -67,15 +70,14 @@ class Number:
         level: whose texels move. channels: that move.
         factor: how far they move where the number grows by 1: for an offset, to all the same. Otherwise it is a share
             of how far they are from their mean, or from another stack.
-        contrast: whether it moves the contrast of a map.
-        other: number of the stack that it moves a map towards; None where it does not.
+        toward: number of the stack that the channels move towards; -1 where they move away from their mean, which
+            changes the contrast of a map; None for an offset.
     """
 
     level: int
-    channels: tuple[int, ...]
+    channels: list[int]
     factor: float
-    contrast: bool = False
-    other: int | None = None
+    toward: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,58 +96,50 @@ class SharedNumbers:
     def of(self, values: Array, level: int) -> list[Number]:
         """The numbers of a level. There is none that moves nothing."""
         steps = np.asarray(self.parameters.channels.magnitude)  # 0 for what follows from other channels
-        sampled = self._sampled(values, level)
-        away: dict[int | None, NDArray[np.float64]] = {None: sampled - self._mean(values, level)}
-        for index, other in enumerate(self.others):
-            away[index] = self._sampled(other, level) - sampled
         found = []
         for each in self.parameters.model.maps.values():
-            own = tuple(index for index in range(each.start, each.stop) if steps[index] > 0)
-            found += [Number(level, (index,), _DIFFERENCE * float(steps[index])) for index in own]
-            for toward, distance in away.items():
-                size = float(np.sqrt(np.square(distance[:, own] / steps[list(own)]).sum(-1).mean()))
+            own = [index for index in range(each.start, each.stop) if steps[index] > 0]
+            found += [Number(level, [index], _DIFFERENCE * float(steps[index])) for index in own]
+            for toward in range(_MEAN, len(self.others)):
+                distance = self._moves(values, Number(level, own, 1.0, toward), self._some(level))
+                size = float(np.sqrt(np.square(distance / steps[own]).sum(-1).mean()))
                 if size > 1e-3:  # quantisation steps; less is rounding
-                    found.append(Number(level, own, _DIFFERENCE / size, toward is None, toward))
+                    found.append(Number(level, own, _DIFFERENCE / size, toward))
         return found
 
     def moved(self, values: Array, level: int, numbers: Sequence[Number], by: Sequence[float]) -> Array:
         """(texels of the level, channels) of these values, with numbers of the level moved, within the limits."""
-        channels = self.parameters.channels
-        offsets, gains, *parts = np.zeros((2 + len(self.others), self.parameters.model.channels), np.float32)
+        channels, own = self.parameters.channels, self.parameters.texels(level)
+        moved: Array = values[own].copy()
         for number, amount in zip(numbers, by, strict=True):
-            moving = parts[number.other] if number.other is not None else gains if number.contrast else offsets
-            moving[list(number.channels)] += np.float32(amount * number.factor)
-        offsets -= gains * self._mean(values, level)
-        moved = values[self._own(level)] * (1 + gains - sum(parts)) + offsets
-        for part, other in zip(parts, self.others, strict=True):
-            if part.any():
-                moved += part * other[self._own(level)]
+            moved[:, number.channels] += amount * self._moves(values, number, own)
         np.clip(moved, np.asarray(channels.low, np.float32), np.asarray(channels.high, np.float32), out=moved)
         still = replace(channels, magnitude=tuple(0.0 for _ in channels.magnitude))
         return np.asarray(stochastic.perturb(moved, still, 0, 0)[0])  # with normals of unit length
 
     def reached(self, values: Array, number: Number, by: float) -> float:
         """How much of the sum of squares of a move the limits of channels leave, from 0 to 1; 1 of no move."""
-        channels, own = self.parameters.channels, list(number.channels)
-        before = self._sampled(values, number.level)[:, own]
-        wanted = np.full_like(before, by * number.factor)
-        if number.other is not None:
-            wanted *= self._sampled(self.others[number.other], number.level)[:, own] - before
-        elif number.contrast:
-            wanted *= before - self._mean(values, number.level)[own]
-        got = np.clip(before + wanted, np.asarray(channels.low)[own], np.asarray(channels.high)[own]) - before
+        channels, some = self.parameters.channels, self._some(number.level)
+        before = values[some][:, number.channels].astype(np.float64)
+        wanted = by * self._moves(values, number, some).astype(np.float64)
+        low, high = (np.asarray(limit)[number.channels] for limit in (channels.low, channels.high))
         energy = float(np.square(wanted).sum())
-        return float(np.square(got).sum()) / energy if energy > 0 else 1.0
+        return float(np.square(np.clip(before + wanted, low, high) - before).sum()) / energy if energy > 0 else 1.0
 
-    def _own(self, level: int) -> slice:
-        return slice(*self.parameters.starts[level : level + 2])
+    def _moves(self, values: Array, number: Number, texels: slice) -> Array:
+        """(texels, channels of the number) how far texels of its level move where it grows by 1."""
+        own: Array = values[texels][:, number.channels]
+        if number.toward is None:
+            return np.full_like(own, number.factor)
+        if number.toward == _MEAN:
+            mean = values[self._some(number.level)][:, number.channels].mean(0, dtype=np.float64)
+            return np.asarray((own - mean.astype(np.float32)) * np.float32(number.factor))
+        other = self.others[number.toward][texels][:, number.channels]
+        return np.asarray((other - own) * np.float32(number.factor))
 
-    def _sampled(self, values: Array, level: int) -> NDArray[np.float64]:
-        own = values[self._own(level)]
-        return own[:: -(-len(own) // _SAMPLED)].astype(np.float64)
-
-    def _mean(self, values: Array, level: int) -> Array:
-        return np.asarray(self._sampled(values, level).mean(0), np.float32)
+    def _some(self, level: int) -> slice:
+        own = self.parameters.texels(level)
+        return slice(own.start, own.stop, -(-(own.stop - own.start) // _SAMPLED))
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,7 +168,6 @@ class Rounds:
         values: Array,
         views: tuple[Sequence[Prepared], Sequence[Prepared]],
         movable: Sequence[int],
-        settings: FitSettings,
         others: Sequence[Array] = (),
     ) -> Rounds:
         """Rounds that take a share of the budget at most: few of the views are learned from where there are too many.
@@ -185,7 +178,8 @@ class Rounds:
             others: values of stacks that levels may move towards.
         """
         learning, checking = views
-        shared, rounds = SharedNumbers(loop.parameters, others), settings.rounds
+        settings, shared = loop.settings, SharedNumbers(loop.parameters, others)
+        rounds = settings.rounds
         if not rounds or not movable:
             return Rounds(shared, 0, movable, learning)
         # Once steps have moved a level, each of its maps can move back towards the stack that it started from, as well.
@@ -223,67 +217,67 @@ class Rounds:
             (texels, channels). A level that gains nothing stays bit for bit.
         """
         for done in range(self.count):
-            equations = _Equations.of(loop, self.shared, values, self.learning, self.movable)
-            if not equations.right.any():
+            numbers, matrix, right = self._equations(loop, values)
+            if not right.any():
                 return values, done
             variants = [values]
             for damping in _DAMPINGS:
-                variants += [equations.stepped(self.shared, values, damping, alone) for alone in (False, True)]
+                for alone in (False, True):
+                    variants.append(self._stepped(values, numbers, matrix, right, damping, alone))
             chosen = loop.chosen(variants, judging)
             if not chosen.any():
                 return values, done
             values = loop.parameters.joined(variants, chosen)
         return values, self.count
 
+    def _equations(self, loop: Loop, values: Array) -> tuple[list[Number], NDArray[np.float64], NDArray[np.float64]]:
+        """Normal equations of least squares: matrix @ amounts = right where views are right to first order.
 
-@dataclass(frozen=True, eq=False)
-class _Equations:
-    """Normal equations of least squares: `matrix` @ amounts = `right` where views are right to first order.
+        Each view is rendered once for each number of a level that takes part in it.
 
-    Args:
-        numbers: that move, in the order of their levels.
-        matrix: float64, sums over pixels of products of two derivatives. right: of a derivative and what is missing.
-    """
-
-    numbers: Sequence[Number]
-    matrix: NDArray[np.float64]
-    right: NDArray[np.float64]
-
-    @staticmethod
-    def of(
-        loop: Loop, shared: SharedNumbers, values: Array, views: Sequence[Prepared], movable: Sequence[int]
-    ) -> _Equations:
-        """Those of views, by a render of each for each number of a level that takes part in it."""
-        numbers = [number for level in movable for number in shared.of(values, level)]
+        Returns:
+            The numbers; (numbers, numbers) sums over pixels of products of two derivatives; (numbers,) of a derivative
+            and what is missing.
+        """
+        shared, views = self.shared, self.learning
+        numbers = [number for level in self.movable for number in shared.of(values, level)]
         levels = np.array([number.level for number in numbers], np.int64)
         matrix, right = np.zeros((len(numbers), len(numbers))), np.zeros(len(numbers))
-        told = [np.isin(levels, np.flatnonzero(view.shares >= _LEAST_SHARE)) for view in views]
+        takes_part = [view.shares[levels] >= _LEAST_SHARE for view in views]
         resting = loop.levels_of(values)
         pictures = [_thin(loop.compared(resting, view), view) for view in views]
         scratch = values.copy()
-        for part in _parts([len(picture) * int(own.sum()) for picture, own in zip(pictures, told, strict=True)]):
-            columns: dict[int, list[Array]] = {index: [] for index in part if told[index].any()}
+        for part in _parts([len(each) * int(own.sum()) for each, own in zip(pictures, takes_part, strict=True)]):
+            columns: dict[int, list[Array]] = {index: [] for index in part if takes_part[index].any()}
             for at, number in enumerate(numbers):
-                seen = [index for index in columns if told[index][at]]
+                seen = [index for index in columns if takes_part[index][at]]
                 if not seen:
                     continue
                 # To the side that limits leave free: what lies at a limit can move away from it alone.
                 side = 1.0 if shared.reached(values, number, 1.0) >= shared.reached(values, number, -1.0) else -1.0
-                own = slice(*loop.parameters.starts[number.level : number.level + 2])
+                own = loop.parameters.texels(number.level)
                 scratch[own] = shared.moved(values, number.level, [number], [side])
-                moved = loop.levels_with(scratch, number.level)
+                moved = loop.levels_of(scratch, number.level)
                 for index in seen:
                     picture = _thin(loop.compared(moved, views[index]), views[index])
                     columns[index].append((side * (picture - pictures[index])).ravel())
                 scratch[own] = values[own]
             for index, derivatives in columns.items():
-                every, shown = np.stack(derivatives), np.flatnonzero(told[index])
+                every, shown = np.stack(derivatives), np.flatnonzero(takes_part[index])
                 missing = _thin(views[index].wanted, views[index]) - pictures[index]
                 matrix[np.ix_(shown, shown)] += every @ every.T
                 right[shown] += every @ missing.ravel()
-        return _Equations(numbers, matrix, right)
+        return numbers, matrix, right
 
-    def stepped(self, shared: SharedNumbers, values: Array, damping: float, alone: bool = False) -> Array:
+    def _stepped(
+        self,
+        values: Array,
+        numbers: Sequence[Number],
+        matrix: NDArray[np.float64],
+        right: NDArray[np.float64],
+        damping: float,
+        alone: bool,
+    ) -> Array:
         """The values after a damped step.
 
         Where a level moves `alone`, no number that moves it towards another stack does: fewer numbers follow views that
@@ -292,38 +286,39 @@ class _Equations:
         A number that limits of channels would stop stays where it is, and the others make up for it: a metallic map of
         0 cannot fall, for one.
         """
-        scale = np.diag(self.matrix)
-        damped = self.matrix + np.diag(damping * scale + _FLOOR * scale.mean())
-        moving = (scale > 0) & ~np.array([alone and number.other is not None for number in self.numbers], bool)
+        scale = np.diag(matrix)
+        damped = matrix + np.diag(damping * scale + _FLOOR * scale.mean())
+        to_others = np.array([number.toward is not None and number.toward != _MEAN for number in numbers])
+        moving = (scale > 0) & ~(alone & to_others)
         while True:
-            found = np.zeros(len(self.right))
-            found[moving] = np.linalg.solve(damped[np.ix_(moving, moving)], self.right[moving])
-            reached = [shared.reached(values, *each) for each in zip(self.numbers, found.tolist(), strict=True)]
+            found = np.zeros(len(right))
+            found[moving] = np.linalg.solve(damped[np.ix_(moving, moving)], right[moving])
+            reached = [self.shared.reached(values, *each) for each in zip(numbers, found.tolist(), strict=True)]
             stopped = np.array(reached) < _STOPPED
             if not stopped.any():
                 break
             moving &= ~stopped
         stepped: Array = values.copy()
-        for level in {number.level for number in self.numbers}:
-            own = [index for index, number in enumerate(self.numbers) if number.level == level]
-            moved = shared.moved(values, level, [self.numbers[index] for index in own], found[own].tolist())
-            stepped[slice(*shared.parameters.starts[level : level + 2])] = moved
+        for level in {number.level for number in numbers}:
+            own = [index for index, number in enumerate(numbers) if number.level == level]
+            moved = self.shared.moved(values, level, [numbers[index] for index in own], found[own].tolist())
+            stepped[self.shared.parameters.texels(level)] = moved
         return stepped
 
 
 def _thinned(views: Sequence[Prepared], every: int) -> list[Prepared]:
     """Every so-manieth view of each scale, the first of each among them."""
-    counts: dict[str, int] = {}
+    counts: Counter[str] = Counter()
     kept = []
     for view in views:
-        if counts.setdefault(view.scale, 0) % every == 0:
+        if counts[view.scale] % every == 0:
             kept.append(view)
         counts[view.scale] += 1
     return kept
 
 
 def _thin(picture: Array, view: Prepared) -> Array:
-    """Some of the pixels (P, 3 parts), and 0 for those that do not count."""
+    """Some of the pixels (P, 6), and 0 for those that do not count."""
     every = -(-len(picture) // _PIXELS) | 1  # odd, so that not the same columns are taken of all rows
     return np.asarray(picture[::every] * view.shown[::every, None], np.float32)
 
@@ -338,10 +333,4 @@ def _parts(sizes: Sequence[int]) -> Iterator[list[int]]:
             part, held = [], 0
         part.append(index)
         held += size
-    if part:
-        yield part
-
-
-def rounds_told(count: int) -> str:
-    """How a sentence on the steps of a fit goes on; empty where there were no rounds."""
-    return f" and {count} round{'' if count == 1 else 's'} of least squares" if count else ""
+    yield part

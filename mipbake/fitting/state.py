@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 import zipfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,12 +21,12 @@ from mipbake.base.publish import check_file, writing
 from mipbake.fitting.renderer import Array
 from mipbake.stochastic import Moments
 
-_FORMAT = 5
+_FORMAT = 6
 _SAME = 0.25
 """dB by which scores of the same stack may differ in the same renderer, which may be a little noisy."""
 
-_ARRAYS = ("values", "best", "first", "second", "steps", "begun", "gains", "rates", "waited", "origins")
-_OF_MOMENTS = ("first", "second", "steps")
+_ARRAYS = ("values", "best", "begun", "gains", "rates", "waited", "origins")
+_MOMENTS = ("first", "second", "steps")
 _COUNTS = ("started", "step", "checked", "seconds")
 
 
@@ -38,8 +38,8 @@ class FitState:
         values: (texels, channels) now.
         moments: of Adam.
         best: of each level the values that were best on the views that are held out.
-        begun: (levels, parts) float64, mean SNR in dB of these views at the start; NaN for a level that none shows.
-        gains: (levels,) float64, how many dB more `best` has, as `comparisons.worth` counts them.
+        begun: (levels, 2) float64, mean SNR in dB of these views at the start; NaN for a level that none shows.
+        gains: (levels,) float64, how many dB more `best` has, as `prepared.worth` counts them.
         rates: (levels,) float64, factors of the rates, which fall. waited: (levels,) int64, checks since the best.
         origins: (levels,) int64, number of the stack that each level started from.
         started: scores over the views that are held out, of the stack that the fit started from.
@@ -84,24 +84,19 @@ class Checkpoint:
     key: str = field(repr=False)
 
     def save(self, state: FitState) -> None:
-        """Replaces the file, as a whole.
-
-        Raises:
-            OutputError: the file cannot be written.
-        """
+        """Replaces the file, as a whole. OutputError: the file cannot be written."""
         about = {"format": _FORMAT, "key": self.key, **{name: getattr(state, name) for name in _COUNTS}}
-        arrays = {"about": np.frombuffer(json.dumps(about).encode(), np.uint8), **_arrays(state)}
+        arrays = {"about": np.frombuffer(json.dumps(about).encode(), np.uint8)}
+        arrays |= {name: getattr(state, name) for name in _ARRAYS}
+        arrays |= {name: getattr(state.moments, name) for name in _MOMENTS}
         with writing(f"the checkpoint {self.path} cannot be written"):
             write_arrays(self.path, arrays)
 
-    def load(self, starts: Sequence[Array], levels: int) -> FitState | None:
-        """The state in the file, which is a state of this fit, whoever has changed the file; None where there is none.
-
-        Args:
-            starts: what the fit may start from. levels: of the stack.
+    def load(self) -> FitState | None:
+        """The state in the file; None where there is none.
 
         Raises:
-            InputError: a file that is broken, that was changed, or that is of another fit.
+            InputError: a file that is broken, or of another fit.
         """
         if not self.path.exists():
             return None
@@ -109,7 +104,8 @@ class Checkpoint:
             arrays = read_arrays(self.path, lambda _: None)
             about = json.loads(arrays["about"].tobytes())
             of = about["format"], about["key"]
-            values, best, first, second, steps, *rest = (arrays[name] for name in _ARRAYS)
+            kept: dict[str, Any] = {name: arrays[name] for name in _ARRAYS} | {name: about[name] for name in _COUNTS}
+            moments = Moments(*(arrays[name] for name in _MOMENTS))
         except DAMAGED as error:
             raise InputError(f"the checkpoint {self.path} cannot be read ({error}): delete it to begin anew") from error
         if of != (_FORMAT, self.key):
@@ -117,27 +113,7 @@ class Checkpoint:
                 f"the checkpoint {self.path} is of another fit (another stack, other views or settings): delete it, or "
                 "choose another file"
             )
-        told = {name: about[name] for name in _COUNTS}
-        begun, gains, rates, waited, origins = rest
-        state = FitState(values, Moments(first, second, steps), best, begun, gains, rates, waited, origins, **told)
-        like = FitState.first(starts[0], np.zeros((levels, 1)), {}, np.zeros(levels, np.int64))
-        for name, expected in _arrays(like).items():
-            found = _arrays(state)[name]
-            if name == "begun" and found.ndim == 2:
-                found = found[:, :1]
-            fits = found.shape == expected.shape and found.dtype == expected.dtype
-            if not fits or (name != "begun" and not np.isfinite(found).all()):
-                held = f"{found.dtype} of {found.shape}" if not fits else "numbers that are not finite"
-                raise InputError(
-                    f"the checkpoint {self.path} was changed: {name} holds {held}, expected {expected.dtype} of "
-                    f"{expected.shape}: delete it to begin anew"
-                )
-        whole = all(isinstance(n, int) and n >= 0 for n in (state.step, state.checked))
-        scores = isinstance(state.started, dict) and all(isinstance(n, float) for n in state.started.values())
-        inside = ((state.origins >= 0) & (state.origins < len(starts))).all()
-        if not (whole and scores and inside and isinstance(state.seconds, (int, float)) and state.seconds >= 0):
-            raise InputError(f"the checkpoint {self.path} was changed: its counts fit no fit: delete it to begin anew")
-        return state
+        return FitState(moments=moments, **kept)
 
     def check_started(self, state: FitState, scores: Mapping[str, float]) -> None:
         """Checks that held-out views show the stack that the fit started from as they did then.
@@ -158,10 +134,6 @@ class Checkpoint:
                 )
 
 
-def _arrays(state: FitState) -> dict[str, NDArray[Any]]:
-    return {name: getattr(state.moments if name in _OF_MOMENTS else state, name) for name in _ARRAYS}
-
-
 def check_checkpoint(path: Path) -> None:
     """OutputError where a file is in the way that is no checkpoint of a fit. For before long work."""
     check_file(path, _is_checkpoint, "checkpoint of a fit")
@@ -171,7 +143,7 @@ def _is_checkpoint(path: Path) -> bool:
     """Whether it says so, whatever of it is damaged."""
     try:
         with zipfile.ZipFile(path) as file:
-            return {f"{name}.npy" for name in ("about", *_ARRAYS)} <= {*file.namelist()}
+            return {f"{name}.npy" for name in ("about", *_ARRAYS, *_MOMENTS)} <= {*file.namelist()}
     except DAMAGED:
         return False
 

@@ -8,6 +8,7 @@ this machine reach the server, and only who knows the address, which holds a sec
 from __future__ import annotations
 
 import json
+import os
 import queue
 import secrets
 import shutil
@@ -27,11 +28,9 @@ from numpy.typing import NDArray
 from mipbake.base.errors import RendererError, UsageError
 from mipbake.comparing.meshes.mesh import Mesh
 from mipbake.fitting.program import Frame, SharedMaps, serve
-from mipbake.fitting.protocol import view_of
+from mipbake.fitting.protocol import check_model, view_of
 from mipbake.fitting.renderer import write_bytes
 from mipbake.fitting.views import View
-from mipbake.material import GLTF_MODELS
-from mipbake.material.pixel_filter import level_sizes
 
 THREE = "0.187.0"
 """The version of the npm package `three` that this was tried with."""
@@ -87,12 +86,11 @@ class ThreeRenderer:
     triangle are drawn, and lit.
 
     Args:
-        three: the folder `build` of the npm package three; empty to look for it.
         material: one of MATERIALS.
     """
 
-    def __init__(self, three: str, material: str) -> None:
-        self._three, self._material = three, material
+    def __init__(self, material: str) -> None:
+        self._material = material
         self._jobs: queue.Queue[bytes] = queue.Queue()
         self._results: queue.Queue[bytes | str] = queue.Queue()
         self._meshes: dict[Mesh, int] = {}
@@ -110,7 +108,7 @@ class ThreeRenderer:
         if self._material not in MATERIALS:
             raise UsageError(f"three.js has no material {self._material!r} here: expected {', '.join(MATERIALS)}")
         root = f"/{secrets.token_urlsafe()}/"
-        handler = type("Handler", (_Handler,), {"root": root, "three": three_folder(self._three), "owner": self})
+        handler = type("Handler", (_Handler,), {"root": root, "three": three_folder(), "owner": self})
         server = ThreadingHTTPServer(("127.0.0.1", 0), handler)
         threading.Thread(target=server.serve_forever, daemon=True).start()
         address = f"http://127.0.0.1:{server.server_port}{root}page.html"
@@ -123,7 +121,7 @@ class ThreeRenderer:
         self._answer()
         return f"three ({self._material})"
 
-    def render(self, maps: SharedMaps, told: dict[str, Any]) -> Frame:
+    def render(self, maps: SharedMaps, content: dict[str, Any]) -> Frame:
         """The frame of a view: `Frame` with `image`, `uv`, `lod` and `id`; 0 where no mesh is, and id is 1 where it is.
 
         The level of detail is the one that WebGL took, from 0 to the last level, because a texture whose levels hold
@@ -132,14 +130,11 @@ class ThreeRenderer:
         so what mipbake itself looks up is up to half a level coarser.
 
         Raises:
-            UsageError: a model that glTF does not have, or levels whose sizes do not halve.
+            UsageError: a model that glTF does not have.
             RendererError: the page failed.
         """
-        view, sizes = view_of(told), maps.sizes
-        if maps.model not in GLTF_MODELS:
-            raise UsageError(f"the renderer three knows no model {maps.model!r}: expected {' or '.join(GLTF_MODELS)}")
-        if sizes != level_sizes(*sizes[0])[: len(sizes)]:
-            raise UsageError(f"levels measure {sizes}: expected each half of the one before")
+        view, sizes = view_of(content), maps.sizes
+        check_model("three", maps.model)
         roles = [role for role, own in _ROLES.items() if set(own) <= set(maps.maps)]
         shape = maps.model, sizes, maps.wrap
         if self._set[0] != shape:
@@ -152,7 +147,7 @@ class ThreeRenderer:
             arrays |= _geometry(view.mesh)
             self._meshes[view.mesh] = len(self._meshes)
         # Where pixels look up is the same whatever the texels are. Views that are moved for references come once.
-        key = str((told, shape))
+        key = str((content, shape))
         where = self._where.get(key)
         header = {
             "size": view.size,
@@ -236,15 +231,15 @@ class _Handler(BaseHTTPRequestHandler):
             self._send(200, file.read_bytes(), _KINDS[Path(name).suffix])
 
     def do_POST(self) -> None:
-        """`next` brings a result, if there is one, and gets a job; `told/error` and `told/note` bring words."""
+        """`next` brings a result, if there is one, and gets a job; `error` and `note` bring words."""
         body, path = self.rfile.read(int(self.headers.get("Content-Length", 0))), self._asked_for()
-        words = " ".join(body.decode("utf-8", "replace").split()) if path.startswith("told/") else ""
+        words = " ".join(body.decode("utf-8", "replace").split()) if path in ("error", "note") else ""
         if path == "next":
             self._send(200, self.owner.next_job(body))
-        elif path == "told/error":
+        elif path == "error":
             self.owner.fail(f"the page of three.js failed ({words})")
             self._send(200, b"")
-        elif path == "told/note":
+        elif path == "note":
             print(words, file=sys.stderr, flush=True)
             self._send(200, b"")
         else:
@@ -264,20 +259,21 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write(body)
 
 
-def three_folder(three: str = "") -> Path:
-    """The folder `build` of the npm package three: the one that is given, or the nearest from the working folder up.
+def three_folder() -> Path:
+    """The folder `build` of the npm package three, where Node would find it: in the nearest `node_modules` from the
+    working folder up, or in a folder that the environment variable NODE_PATH names.
 
     Raises:
-        UsageError: it holds no three.module.js, or there is none.
+        UsageError: there is none.
     """
     here = Path.cwd()
-    places = [Path(three)] if three else [folder / "node_modules/three/build" for folder in (here, *here.parents)]
-    for place in places:
-        if (place / "three.module.js").is_file():
-            return place.resolve()
+    others = [Path(each) for each in os.environ.get("NODE_PATH", "").split(os.pathsep) if each]
+    for modules in (*(folder / "node_modules" for folder in (here, *here.parents)), *others):
+        if (modules / "three/build/three.module.js").is_file():
+            return (modules / "three/build").resolve()
     raise UsageError(
-        f"three.js is missing ({places[0] / 'three.module.js'} is no file): type `npm install three@{THREE}` in the "
-        "working folder, or name the folder node_modules/three/build of another place"
+        f"three.js is missing ({here / 'node_modules/three'} is no folder): type `npm install three@{THREE}` in the "
+        "working folder, or let NODE_PATH name another folder node_modules"
     )
 
 
@@ -333,8 +329,8 @@ def _unpacked(body: bytes) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
 
 
 def main() -> None:
-    """The program: its arguments are the folder of three.js, or nothing, and the material."""
-    renderer = ThreeRenderer(*sys.argv[1:])
+    """The program: its argument is the material, the first of MATERIALS without one."""
+    renderer = ThreeRenderer(sys.argv[1] if sys.argv[1:] else MATERIALS[0])
     try:
         serve(renderer.render, renderer.start)
     finally:

@@ -14,7 +14,7 @@ import socket
 import tempfile
 import threading
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -83,8 +83,7 @@ class Cluster:
 
     def processes(self, count: int) -> int:
         """How many processes there are for so many tasks, as the cluster is now."""
-        sizes = _sizes()
-        return max(1, min(self._jobs or count, count, _fitting(sizes, self._threads(sizes, count))))
+        return max(1, min(self._jobs or count, count, _fitting(self._threads(count))))
 
     def done(self, tasks: Iterable[Task]) -> Iterator[EntryResult]:
         """What became of tasks, in the order in which they end.
@@ -95,14 +94,14 @@ class Cluster:
         ray = _ray()
         waiting = deque(tasks)
         running: dict[Any, Task] = {}
-        threads = self._threads(_sizes(), len(waiting))
+        threads = self._threads(len(waiting))
         wanted: dict[str, Any] = {"num_cpus": threads, "max_retries": _TRIES, "scheduling_strategy": "SPREAD"}
         if self._limit is not None:
             _check_memory(self._limit)
             wanted["memory"] = self._limit
         follow = ray.remote(**wanted)(followed)
         while waiting or running:
-            most = self._jobs or _AHEAD * max(1, _fitting(_sizes(), threads))
+            most = self._jobs or _AHEAD * max(1, _fitting(threads))
             while waiting and len(running) < most:
                 task = waiting.popleft()
                 order = Order(__version__, threads, self._limit, task, Path.cwd(), self._mark, _seen(task))
@@ -111,16 +110,17 @@ class Cluster:
             for handle in ray.wait(list(running), num_returns=1, timeout=_LOOK)[0]:
                 yield _answer(handle, running.pop(handle))
 
-    def _threads(self, sizes: Sequence[int], count: int) -> int:
+    def _threads(self, count: int) -> int:
         """CPUs of a process for so many tasks: the most with which as many processes fit as there shall be."""
+        sizes = _sizes()
         jobs = self._jobs or sum(max(1, size // THREADS) for size in sizes)
         jobs = max(1, min(jobs, count, sum(sizes)))
-        return next(threads for threads in range(max(sizes), 0, -1) if _fitting(sizes, threads) >= jobs)
+        return next(threads for threads in range(max(sizes), 0, -1) if _fitting(threads) >= jobs)
 
 
-def _fitting(sizes: Sequence[int], threads: int) -> int:
-    """How many processes of so many CPUs fit on machines."""
-    return sum(size // threads for size in sizes)
+def _fitting(threads: int) -> int:
+    """How many processes of so many CPUs fit on the machines."""
+    return sum(size // threads for size in _sizes())
 
 
 def _check_memory(limit: int) -> None:
@@ -170,13 +170,21 @@ def cluster(address: str, jobs: int | None, limit: int | None, out: Path) -> Ite
             with _own_signals():
                 ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
         except (OSError, ValueError, RuntimeError, AssertionError, ImportError) as error:
-            told = str(error).strip().partition("\n")[0].rstrip(".")
+            why = str(error).strip().partition("\n")[0].rstrip(".")
             raise UsageError(
-                f"no Ray cluster can be used at {address} ({told}): start one with `ray start --head` and name its "
+                f"no Ray cluster can be used at {address} ({why}): start one with `ray start --head` and name its "
                 "HOST:PORT, or `auto` on a machine of the cluster"
             ) from error
     try:
-        with _marked(Path(absolute(out)) / FOLDER / "shared") as mark:
+        # Who sees the same files sees this one.
+        place = Path(absolute(out)) / FOLDER / "shared"
+        with ExitStack() as held:
+            try:
+                place.parent.mkdir(parents=True, exist_ok=True)
+                tidy(place)
+                mark = held.enter_context(begun(place, lambda path: path.touch(exist_ok=False)))
+            except OSError as error:
+                raise OutputError(f"cannot write to {place.parent}: {reason(error)}") from error
             yield Cluster(jobs, limit, mark)
     finally:
         if own:
@@ -199,45 +207,23 @@ def _own_signals() -> Iterator[None]:
         signal.signal(signal.SIGTERM, before)
 
 
-@contextmanager
-def _marked(place: Path) -> Iterator[Path]:
-    """A file that who sees the same files sees."""
-    with ExitStack() as mark:
-        try:
-            place.parent.mkdir(parents=True, exist_ok=True)
-            tidy(place)
-            path = mark.enter_context(begun(place, lambda path: path.touch(exist_ok=False)))
-        except OSError as error:
-            raise OutputError(f"cannot write to {place.parent}: {reason(error)}") from error
-        yield path
-
-
 def _answer(handle: Any, task: Task) -> EntryResult:
     """What came of an order, or why nothing did."""
     ray = _ray()
-    failure: MipbakeError
     try:
         result: EntryResult = ray.get(handle)
         return result
-    except ray.exceptions.RayTaskError as error:
-        if isinstance(error.cause, MipbakeError):
-            failure = error.cause
-        elif not isinstance(error.cause, (ImportError, AttributeError, ray.exceptions.RayError)):
-            failure = unforeseen(error.cause)
-        else:
-            failure = _unfinished(error.cause)
     except ray.exceptions.RayError as error:
-        failure = _unfinished(error)
-    return EntryResult(task.entry, (NotBaked(task.entry.source, failure),))
-
-
-def _unfinished(error: Exception) -> WorkerError:
-    told = [line for line in str(error).splitlines() if line.strip()]
-    return WorkerError(
-        f"no process of the cluster has finished it ({type(error).__name__}: {told[0].strip() if told else ''}): see "
-        f"that mipbake {__version__} is installed on all machines, and hold processes to less (--memory) where memory "
-        "ran out"
-    )
+        cause = error.cause if isinstance(error, ray.exceptions.RayTaskError) else error
+    if isinstance(cause, (ImportError, AttributeError, ray.exceptions.RayError)):
+        lines = [line for line in str(cause).splitlines() if line.strip()] or [""]
+        cause = WorkerError(
+            f"no process of the cluster has finished it ({type(cause).__name__}: {lines[0].strip()}): see that mipbake "
+            f"{__version__} is installed on all machines, and hold processes to less (--memory) where memory ran out"
+        )
+    elif not isinstance(cause, MipbakeError):
+        cause = unforeseen(cause)
+    return EntryResult(task.entry, (NotBaked(task.entry.source, cause),))
 
 
 def followed(order: Order) -> EntryResult:
@@ -253,11 +239,9 @@ def followed(order: Order) -> EntryResult:
         )
     _native.set_num_threads(order.share)
     signal.signal(signal.SIGTERM, lambda *_: end_at_once())
-    if order.memory is None:
-        whole = memory.default()
-        limit = None if whole is None else whole * order.share // max(order.share, _own_size())
-    else:
-        limit = order.memory
+    limit, whole = order.memory, memory.default()
+    if limit is None and whole is not None:
+        limit = whole * order.share // max(order.share, _own_size())
     keep_freed_memory(limit)
     place = Path(tempfile.gettempdir()) / _LEFT
     before = tempfile.tempdir
@@ -273,15 +257,18 @@ def followed(order: Order) -> EntryResult:
 
 def check_files(order: Order) -> None:
     """InputError where this machine does not see the files of an order as the one that gave it."""
-    with suppress(OSError):  # then paths are told apart by what lies there
+    with suppress(OSError):  # then what lies at the paths decides
         os.chdir(order.folder)
-    source = order.task.entry.source
-    lost = order.mark.parent.parent if not order.mark.exists() else source if _seen(order.task) != order.files else None
-    if lost is not None:
-        raise InputError(
-            f"{platform.node()} does not see {lost} as the machine does that has begun the batch: give all machines "
-            "of the cluster the sources and the folder of all results under the same paths, or bake with --shard"
-        )
+    if not order.mark.exists():
+        lost = order.mark.parent.parent
+    elif _seen(order.task) != order.files:
+        lost = order.task.entry.source
+    else:
+        return
+    raise InputError(
+        f"{platform.node()} does not see {lost} as the machine does that has begun the batch: give all machines of the "
+        "cluster the sources and the folder of all results under the same paths, or bake with --shard"
+    )
 
 
 def _seen(task: Task) -> tuple[tuple[str, int], ...]:

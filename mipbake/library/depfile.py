@@ -22,19 +22,12 @@ _PATTERN = "%"
 it does for Ninja."""
 
 
-def write_depfile(
-    path: Path,
-    summary: Summary,
-    out: Path,
-    roots: Sequence[Path],
-    made: str | None = None,
-    more: Sequence[Path] = (),
-) -> None:
-    """Writes a rule that says which files the results of a batch were made from.
+def write_depfile(path: Path, summary: Summary, out: Path, roots: Sequence[Path], more: Sequence[Path] = ()) -> None:
+    """Writes a rule that says which files the results of a batch were made from. It is about the files that declare
+    results: each `stack.json`, and GLB files.
 
     Args:
         path: the file. out: the folder of all results. roots: the folders that were gone through.
-        made: what the rule is about; None for the files that declare results: each `stack.json`, and GLB files.
         more: files that say how all of them are made, such as a project file.
 
     Folders are among what results were made from, so that a file that is added counts too. Each file that they were
@@ -47,12 +40,11 @@ def write_depfile(
     check_depfile(path)
     known = [(each.entry, each.record) for each in summary.entries if each.record is not None]
     results = [out / file.path for _, each in known for file in each.results if declares(Path(file.path))]
-    names = [made] if made is not None else [os.fspath(file) for file in results]
-    sources = dict.fromkeys(source for entry, each in known for source in _sources(entry, each, out, roots))
-    sources |= dict.fromkeys(os.path.normpath(file) for file in more)
-    about = (_escaped(name).replace(_PATTERN, f"\\{_PATTERN}") for name in names)
-    lines = [" \\\n  ".join([f"{' '.join(about)}:", *map(_escaped, sources)])]
-    lines += [f"{_escaped(source)}:" for source in sources if _PATTERN not in source]
+    files = [*(source for entry, each in known for source in _sources(entry, each, out, roots)), *more]
+    sources = dict.fromkeys(os.path.normpath(file) for file in files)
+    about = " ".join(os.fspath(file).translate(_ESCAPED).replace(_PATTERN, f"\\{_PATTERN}") for file in results)
+    lines = [" \\\n  ".join([f"{about}:", *(source.translate(_ESCAPED) for source in sources)])]
+    lines += [f"{source.translate(_ESCAPED)}:" for source in sources if _PATTERN not in source]
     replaced_file(path, ("\n\n".join(lines) + "\n").encode(errors="surrogateescape"))
 
 
@@ -69,16 +61,11 @@ def _is_depfile(path: Path) -> bool:
     return about.endswith(b":") and rules == [b"%b:" % each for each in sources if _PATTERN.encode() not in each]
 
 
-def _sources(entry: Entry, record: Record, out: Path, roots: Sequence[Path]) -> list[str]:
+def _sources(entry: Entry, record: Record, out: Path, roots: Sequence[Path]) -> list[Path]:
     folder = entry.source.parent
-    files = [os.path.normpath(folder / file.path) for file in record.files]
     folders = [entry.source] if entry.source.is_dir() else [folder] if is_pattern(entry.source) else []
     for root in roots:
         around = (each for each in entry.source.parents if each == root or disk.lies_in(each, root))
         folders += [each for each in around if root.is_dir()]
     # Whatever is baked changes the time of the folder around the results.
-    return [*files, *(os.fspath(each) for each in folders if not disk.lies_in(out, each))]
-
-
-def _escaped(name: str) -> str:
-    return name.translate(_ESCAPED)
+    return [*(folder / file.path for file in record.files), *(each for each in folders if not disk.lies_in(out, each))]

@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
 from typing import TypeAlias
@@ -153,7 +154,7 @@ def found_library(
     given = [sources] if isinstance(sources, (str, os.PathLike)) else sources
     paths = expand([os.fspath(each) for each in given])
     if recursive:
-        library = entries_below(paths, out, _document_files)
+        library = entries_below(paths, out)
     else:
         library = Library(tuple(Entry(path, str(path), PurePath()) for path in paths))
     for place in within:
@@ -161,7 +162,7 @@ def found_library(
             raise InputError(f"{place} holds nothing of the library: expected a source in it, or a folder around some")
     kept = [
         entry
-        for entry in apart(each for entry in library.entries for each in _sets_of(entry, load(entry.label)))
+        for entry in _apart(each for entry in library.entries for each in _sets_of(entry, load(entry.label)))
         if not within or any(disk.lies_in(entry.source, place) for place in within)
     ]
     return replace(library, entries=tuple(kept) if shard is None else shard.of(kept))
@@ -178,7 +179,7 @@ def _sets_of(entry: Entry, load: LoadOptions) -> list[Entry]:
     return [replace(entry, name=load.name or name_of(source))] if disk.is_dir(source) else [entry]
 
 
-def apart(entries: Iterable[Entry]) -> Iterator[Entry]:
+def _apart(entries: Iterable[Entry]) -> Iterator[Entry]:
     """The same entries, with labels that are unique, and with rivals: no result is or holds the result of another."""
     labels: set[str] = set()
     results: dict[PurePath, Path] = {}
@@ -212,42 +213,32 @@ def sets_in(folder: Path, load: LoadOptions) -> dict[str, tuple[Job, ...]]:
     return sets if len(sets) > 1 else {}
 
 
-def _document_files(document: Path) -> list[Path]:
-    """The images that a document shows; InputError where it cannot be read."""
-    if document.suffix.lower() == MATERIALX:
-        return [file for material in read_materialx(document).materials for file in material.files]
-    return image_files(read_document(document), Path(disk.resolved(document).anchor))
-
-
-def entries_below(roots: Sequence[Path], out: Path, files_of: Callable[[Path], Iterable[Path]]) -> Library:
+def entries_below(roots: Sequence[Path], out: Path) -> Library:
     """Everything below folders that can be baked. Hidden folders, stacks and the folder of all results are passed over.
 
     Args:
         roots: the folders. What is no folder is a source by itself.
         out: the folder of all results, which may lie in one of them.
-        files_of: images that a document shows, which are no sets of their own. It is asked of documents that lie
-            beside maps, and may raise InputError for broken ones.
 
     Raises:
         InputError: a folder does not exist, or nothing below all of them can be baked.
     """
-    found: list[tuple[Path, Path]] = []
-    named: set[Path] = set()
+    found: dict[Path, tuple[Path, Path]] = {}
     notes: list[str] = []
     for root in roots:
         walked = kind(root) in ("folder", "udim") and disk.is_dir(root)
-        for path in _Walk(disk.resolved(out), files_of, notes).sources(root) if walked else [root]:
-            if (real := disk.resolved(path)) not in named:  # one root may lie in another
-                named.add(real)
-                found.append((path, root))
+        for path in _Walk(disk.resolved(out), notes).sources(root) if walked else [root]:
+            found.setdefault(disk.resolved(path), (path, root))  # one root may lie in another
     if not found:
-        where = ", ".join(map(str, roots))
         hint = f"; {notes[0]}" if notes else ""
         if any(disk.resolved(root) == disk.resolved(out) for root in roots):
             hint = "; it is the folder of all results, which is passed over, so choose another one"
-        raise InputError(f"nothing below {where} can be baked: expected folders of maps, documents or archives{hint}")
+        raise InputError(
+            f"nothing below {', '.join(map(str, roots))} can be baked: expected folders of maps, documents or "
+            f"archives{hint}"
+        )
     entries = []
-    for path, root in found:
+    for path, root in found.values():
         place = PurePath(path.relative_to(root))
         label = path.name if path == root and not root.is_dir() else place.as_posix()
         entries.append(Entry(path, str(path) if len(roots) > 1 else label, place))
@@ -258,15 +249,14 @@ class _Walk:
     """A walk through a library, folder by folder, in the order of names; links to folders come last, because what lies
     in the library itself is called as it lies there."""
 
-    def __init__(self, out: Path, files_of: Callable[[Path], Iterable[Path]], notes: list[str]) -> None:
+    def __init__(self, out: Path, notes: list[str]) -> None:
         self._out = out
-        self._files_of = files_of
         self._notes = notes
         self._seen: set[Path] = set()
         self._links: list[Path] = []
 
     def sources(self, root: Path) -> Iterator[Path]:
-        """What can be baked in a folder and below it; a folder that cannot be listed is told of when it is baked."""
+        """What can be baked in a folder and below it. One that cannot be listed is a source, whose bake says so."""
         yield from self._below(root, ())
         while self._links:
             link = self._links.pop(0)
@@ -290,58 +280,50 @@ class _Walk:
             return
         documents = [file for file in files if file.suffix.lower() in (*GLTF, MATERIALX)]
         inner = next((each for each in folders if is_textures(each)), None)
-        maps = self._maps(inner, files)
-        own = bool(maps)
+        maps, own_maps = [file for file in files if is_map(file)], True
+        if not maps and inner is not None:
+            with suppress(InputError):
+                maps, own_maps = [file for file in disk.files_in(inner) if is_map(file)], False
+        is_set = bool(maps)
         if documents and maps:
-            shown = {disk.resolved(file) for each in documents for file in self._shown(each)}
-            if all(each.suffix.lower() == MATERIALX for each in documents) and _are_told(maps):
+            if _are_a_set(maps) and all(each.suffix.lower() == MATERIALX for each in documents):
                 self._notes += [
                     f"{each} is left out: the names of the maps beside it say what they are" for each in documents
                 ]
                 documents = []  # as in downloads that hold both
-            else:
-                own = _are_told([file for file in maps if disk.resolved(file) not in shown])
-        if own:
+            shown = _shown(documents)
+            is_set = _are_a_set([file for file in maps if disk.resolved(file) not in shown])
+        if is_set:
             yield folder
         yield from (file for file in documents if not _is_baked(file))
         yield from (file for file in files if file.suffix.lower() == SUFFIX)
-        images = [file for file in files if file.suffix.lower() in IMAGE_SUFFIXES]
-        if images and not own and not documents and not self._show_all(above, images):
+        images = {disk.resolved(file) for file in files if file.suffix.lower() in IMAGE_SUFFIXES}
+        if images and not is_set and not documents and not images <= _shown(above):
             self._notes.append(f"{folder} is left out: the names of its images tell no map")
-        for each in folders:
-            if each == inner and (documents or (own and not any(is_map(file) for file in files))):
-                self._seen.add(disk.resolved(each))  # it belongs to what was named
-                continue
+        belongs = inner if documents or (is_set and not own_maps) else None  # to what was named
+        self._seen.update(disk.resolved(each) for each in folders if each == belongs)
+        for each in (folder for folder in folders if folder != belongs):
             if each.is_symlink():
                 self._links.append(each)
-                continue
-            yield from self._below(each, documents)
-
-    def _show_all(self, documents: Sequence[Path], images: Sequence[Path]) -> bool:
-        """Whether documents show all of these images."""
-        shown = {disk.resolved(file) for each in documents for file in self._shown(each)}
-        return shown.issuperset(map(disk.resolved, images))
-
-    def _shown(self, document: Path) -> Iterable[Path]:
-        try:
-            return list(self._files_of(document))
-        except InputError:  # its turn will say what is wrong
-            return []
-
-    @staticmethod
-    def _maps(inner: Path | None, files: Sequence[Path]) -> list[Path]:
-        """Maps of a folder, or of the `textures` folder inside where it has none itself."""
-        maps = [file for file in files if is_map(file)]
-        if maps or inner is None:
-            return maps
-        try:
-            return [file for file in disk.files_in(inner) if is_map(file)]
-        except InputError:
-            return []
+            else:
+                yield from self._below(each, documents)
 
 
-def _are_told(maps: Sequence[Path]) -> bool:
-    """Whether names tell the two maps that a set cannot be without."""
+def _shown(documents: Sequence[Path]) -> set[Path]:
+    """The images that documents show. What is wrong with a broken one is said when it is baked."""
+    found: set[Path] = set()
+    for document in documents:
+        with suppress(InputError):
+            if document.suffix.lower() == MATERIALX:
+                shown = [file for material in read_materialx(document).materials for file in material.files]
+            else:
+                shown = list(image_files(read_document(document), Path(disk.resolved(document).anchor)))
+            found.update(map(disk.resolved, shown))
+    return found
+
+
+def _are_a_set(maps: Sequence[Path]) -> bool:
+    """Whether names say the two maps that a set cannot be without."""
     meanings = [meaning for file in maps for name in interpretations(file.stem) for meaning in name.meanings]
     return {"normal", "roughness"} <= {meaning.role for meaning in meanings}
 
@@ -362,10 +344,8 @@ def _is_baked(document: Path) -> bool:
 def _is_result(folder: Path) -> bool:
     """Whether a folder holds a stack, which is baked already."""
     for file in manifests(folder):
-        try:
+        with suppress(InputError, ValueError):
             manifest = parsed(disk.read_bytes(file))
-        except (InputError, ValueError):
-            continue
-        if isinstance(manifest, dict) and manifest.get("schema") == SCHEMA:
-            return True
+            if isinstance(manifest, dict) and manifest.get("schema") == SCHEMA:
+                return True
     return False

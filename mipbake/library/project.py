@@ -5,7 +5,6 @@ Every option of `mipbake bake` that is about sets stands in it under the name th
 
 from __future__ import annotations
 
-import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
@@ -225,33 +224,9 @@ def read_project(path: Path) -> Project:
     return _project(source, content)
 
 
-_PART = r"""[A-Za-z0-9_-]+|"(?:[^"\\]|\\.)*"|'[^']*'"""
-_DOTTED = rf"(?:{_PART})(?:\s*\.\s*(?:{_PART}))*"
-_HEADER = re.compile(rf"\s*\[(\[)?\s*({_DOTTED})\s*\]")
-_KEY = re.compile(rf"\s*({_DOTTED})\s*=")
-_TEXTS = re.compile(
-    r"""(\"{3}(?:[^\\]|\\.)*?\"{3,5}|'{3}.*?'{3,5})|"(?:[^"\\\n]|\\.)*"|'[^'\n]*'|\#[^\n]*""", re.DOTALL
-)
-"""Strings and comments; a string of several lines as a group, because what stands in it may look like keys."""
-
-
-def _keys(dotted: str) -> tuple[str, ...]:
-    return tuple(part.strip("\"'") for part in re.findall(_PART, dotted))
-
-
-def _within(keys: tuple[str, ...], counts: Mapping[tuple[str | int, ...], int]) -> tuple[str | int, ...]:
-    """Keys of a header, with the number of the latest table after the name of a list."""
-    path: tuple[str | int, ...] = ()
-    for index, key in enumerate(keys):
-        path = (*path, key)
-        if path in counts and index < len(keys) - 1:
-            path = (*path, counts[path])
-    return path
-
-
 @dataclass(frozen=True)
 class _Source:
-    """The text of a project file, which tells where something stands."""
+    """The text of a project file, which says where something stands."""
 
     path: Path
     text: str
@@ -260,20 +235,30 @@ class _Source:
     def lines(self) -> Mapping[tuple[str | int, ...], int]:
         """Keys, from the outermost to the innermost, to their lines. Tables of a list are counted."""
         found: dict[tuple[str | int, ...], int] = {}
-        table: tuple[str | int, ...] = ()
         counts: dict[tuple[str | int, ...], int] = {}
-        text = _TEXTS.sub(lambda each: "\n" * each[0].count("\n") if each[1] else each[0], self.text)
-        for number, line in enumerate(text.split("\n"), 1):
-            if header := _HEADER.match(line):
-                table = _within(_keys(header[2]), counts)
-                if header[1]:
+        table: tuple[str | int, ...] = ()
+        begun, part = 1, ""
+        for number, line in enumerate(self.text.split("\n"), 1):
+            begun, part = (begun, f"{part}\n{line}") if part else (number, line)
+            try:
+                content = toml_text.parsed(part)
+            except ValueError:
+                continue  # a value of several lines goes on
+            if content and part.lstrip().startswith("["):
+                table = ()
+                while isinstance(content, dict) and content:
+                    if table in counts:
+                        table = (*table, counts[table])
+                    [(key, content)] = content.items()
+                    table = (*table, key)
+                if isinstance(content, list):
                     counts[table] = counts.get(table, -1) + 1
                     table = (*table, counts[table])
-                found.setdefault(table, number)
-            elif key := _KEY.match(line):
-                keys = _keys(key[1])
-                for count in range(1, len(keys) + 1):
-                    found.setdefault((*table, *keys[:count]), number)
+                found.setdefault(table, begun)
+            else:
+                for path in _paths(content):
+                    found.setdefault((*table, *path), begun)
+            part = ""
         return found
 
     def at(self, *keys: str | int) -> str:
@@ -283,6 +268,14 @@ class _Source:
 
     def fail(self, message: str, *keys: str | int) -> UsageError:
         return UsageError(f"{self.at(*keys)}: {message}")
+
+
+def _paths(table: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
+    """The keys of a table, and of tables in it."""
+    for key, value in table.items():
+        yield (key,)
+        if isinstance(value, dict):
+            yield from ((key, *path) for path in _paths(value))
 
 
 def _project(source: _Source, content: Mapping[str, Any]) -> Project:
@@ -319,7 +312,7 @@ def _project(source: _Source, content: Mapping[str, Any]) -> Project:
         _settings(source, options, "options"),
         tuple(_rules(source, sets)),
     )
-    # What is wrong by itself is told before any set is looked at. What does not go together may never meet in a set.
+    # What is wrong by itself is said before any set is looked at. What does not go together may never meet in a set.
     for settings in (project.settings, *(rule.settings for rule in project.rules)):
         for option, setting in settings.items():
             chosen({option: setting})

@@ -56,7 +56,7 @@ class BatchOptions:
         jobs: processes at most; None for one, or for as many as fit on a cluster. They share the threads and the memory
             that mipbake may use.
         force: whether what has not changed is baked as well.
-        dry_run: whether nothing is baked, and only told what would be.
+        dry_run: whether nothing is baked, and only what would be is said.
         memory: bytes that all processes together are held to, or each process on a cluster; None for what mipbake takes
             of a machine by default.
         within: paths, one of which an entry must be or lie in; empty for all entries.

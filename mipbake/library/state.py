@@ -84,14 +84,14 @@ class Record:
 
 
 def state_of(path: Path, folder: Path, ours: bool = False) -> FileState:
-    """The state of a file; its path is told relative to a folder. `ours`: nobody changes it who has written it."""
-    told = os.path.relpath(path, folder)
+    """The state of a file; its path is relative to a folder. `ours`: nobody changes it who has written it."""
+    name = os.path.relpath(path, folder)
     try:
         found = path.stat()
     except OSError:
-        return FileState(told, -1, -1)
+        return FileState(name, -1, -1)
     fresh = not ours and 0 <= time.time_ns() - found.st_mtime_ns < FRESH
-    return FileState(told, found.st_size, -1 if fresh else found.st_mtime_ns, 0 if ours else found.st_ctime_ns)
+    return FileState(name, found.st_size, -1 if fresh else found.st_mtime_ns, 0 if ours else found.st_ctime_ns)
 
 
 def states(entry: Entry, others: Iterable[Path] = ()) -> tuple[FileState, ...]:

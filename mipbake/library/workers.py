@@ -85,7 +85,7 @@ class Workers:
                     queue.popleft()
             except (BrokenProcessPool, OSError) as refused:  # one ended while it began, or none can be begun
                 suspects.extend(running.values())
-                self._stop()
+                self.stop()
                 running.clear()
                 starts += 1
                 if starts == _STARTS:
@@ -102,7 +102,7 @@ class Workers:
                 elif not isinstance(error, BrokenProcessPool):
                     yield _failed(running.pop(future), f" ({error})")
             if any(future in running for future in ended):
-                self._stop()
+                self.stop()
                 if alone:
                     yield from (_failed(task, ", and so did a second one") for task in running.values())
                 else:
@@ -128,17 +128,13 @@ class Workers:
             self._pool = ProcessPoolExecutor(self._jobs, context, _begin, (self._share, theirs, self._scratch))
         return self._pool
 
-    def _stop(self) -> None:
-        """Ends all processes at once."""
+    def stop(self) -> None:
+        """Ends all processes at once; whatever they are about is not finished."""
         if self._lifeline is not None:
             self._lifeline.close()
         if self._pool is not None:
             self._pool.shutdown(cancel_futures=True)
         self._pool = self._lifeline = None
-
-    def close(self) -> None:
-        """Ends all processes; whatever they are about is not finished."""
-        self._stop()
 
 
 @contextmanager
@@ -149,7 +145,7 @@ def workers(jobs: int, share: Share) -> Iterator[Workers]:
         try:
             yield made
         finally:
-            made.close()
+            made.stop()
 
 
 def _begin(share: Share, lifeline: Connection, scratch: Path) -> None:

@@ -1,4 +1,4 @@
-"""References: what a renderer itself would show of the source, supersampled under the pixel filter."""
+"""References: images that are given, or what a renderer itself shows of the source, supersampled."""
 
 from __future__ import annotations
 
@@ -8,10 +8,16 @@ from typing import Any
 import numpy as np
 
 from mipbake.base.errors import UsageError
-from mipbake.fitting.frames import with_cover
+from mipbake.fitting.frames import Looked, cover_of, image_of
 from mipbake.fitting.renderer import Array, Levels, Renderer
 from mipbake.material.pixel_filter import PixelFilter
 from mipbake.quality.reference.sequences import SEQUENCE
+
+_LEAST_WEIGHT = 1e-3  # of all samples of a pixel that count
+_LEAST_PASSES, _MOST_PASSES, _CHECKED = 16, 256, 4
+"""Renders of a reference: so many at level of detail 0, twice as many at each level more, up to so many; and so many
+times as many where a view is held out. Noise in what is learned from averages out over the views (Lehtinen et al.
+2018), so more views are better than less noise."""
 
 
 def supersampled(
@@ -41,7 +47,7 @@ def supersampled(
 
     Raises:
         UsageError: a view that cannot be moved.
-        RendererError: as `with_cover` raises it.
+        RendererError: a frame that is none.
     """
     moved = getattr(view, "moved", None)
     if moved is None:
@@ -55,8 +61,10 @@ def supersampled(
     counted: Any = 0.0
     for index in range(passes):
         offset, sign = kernel.offsets((shift + index * SEQUENCE) % 1.0)
-        image, seen = with_cover(renderer.render(source, moved(float(offset[0]), float(offset[1]))), who, size)
+        frame = renderer.render(source, moved(float(offset[0]), float(offset[1])))
+        image = image_of(frame, who, size)
         size = image.shape[0], image.shape[1]
+        seen = cover_of(frame, size, who)
         counting = float(np.prod(sign)) * (np.ones(size) if whole else seen)
         total = total + counting[..., None] * image.astype(np.float64)
         counted = counted + counting
@@ -64,7 +72,35 @@ def supersampled(
     return np.asarray(total / np.where(np.abs(counted) > _LEAST_WEIGHT, counted, np.inf)[..., None], np.float32)
 
 
-_LEAST_WEIGHT = 1e-3  # of all samples of a pixel that count
+def passes_for(lod: float, held_out: bool) -> int:
+    """Renders of a reference whose pixels see 4^lod texels."""
+    passes = int(np.clip(_LEAST_PASSES * 2.0 ** max(lod, 0.0), _LEAST_PASSES, _MOST_PASSES))
+    return passes * _CHECKED if held_out else passes
+
+
+def middle_lod(found: Looked, size: tuple[int, int]) -> float:
+    """The level of detail in the middle of those of a view, for maps that measure (height, width)."""
+    seen = found.seen > 0
+    if found.lod is not None:
+        return float(np.median(found.lod[seen]))
+    assert found.uv_da is not None
+    scaled = found.uv_da[seen].reshape(-1, 2, 2) * np.array([[size[1]], [size[0]]], np.float32)
+    return float(np.median(np.log2(np.maximum(np.linalg.norm(scaled, axis=(1, 2)), 1e-6))))
+
+
+def given(value: Any, who: str, size: tuple[int, int]) -> Array:
+    """A copy (H, W, 3) of an image that is given, because whoever made it may use the array again.
+
+    Raises:
+        UsageError: it has another shape, or is not finite.
+    """
+    image = np.asarray(value, np.float32)
+    if image.ndim != 3 or image.shape[:2] != size or image.shape[2] not in (3, 4) or not np.isfinite(image).all():
+        raise UsageError(
+            f"the reference of {who} has shape {image.shape}: expected ({size[0]}, {size[1]}, 3) finite numbers, as "
+            "the renderer's image has"
+        )
+    return np.array(image[..., :3], order="C")
 
 
 def named(view: Any) -> str:
