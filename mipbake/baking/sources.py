@@ -150,7 +150,7 @@ def _tiles_of(job: Job | Failure) -> tuple[Path, str]:
     """Source and name of a set of tiles, the same for all its groups; no name for anything else."""
     if isinstance(job, Failure) or not job.tiled:
         return job.source, ""
-    return job.source, next(iter(job.parts.values())).name
+    return job.source, job.name
 
 
 def _to_bake(
