@@ -29,10 +29,8 @@ from mipbake.baking.bake import Recipe
 from mipbake.baking.methods import OPTIONS
 from mipbake.baking.neural import Neural
 from mipbake.comparing.candidates import bake_all, chosen
-from mipbake.comparing.film_figures import ShownReference, film_figures
-from mipbake.comparing.filming import MOST_PASSES, FilmSettings, Take, taken
-from mipbake.comparing.films import FRAMES, RESOLUTION, standard_films
-from mipbake.comparing.meshes.film import Frames
+from mipbake.comparing.filming import MOST_PASSES, FilmReference, Frames, Take, film_figures, taken
+from mipbake.comparing.films import FRAMES, RESOLUTION, films_of
 from mipbake.comparing.pictures import RenderSettings
 from mipbake.material.aim import sampler_named
 from mipbake.quality.environment import lighting_named
@@ -95,14 +93,12 @@ def measured(texture_set: TextureSet, lighting: str, work: Path, effort: FilmsEf
     started = time.process_time()
     source = texture_set.filtered(FILTER)
     height, width = source.stored.shape[:2]
-    resolution = effort.height, effort.height * RESOLUTION[1] // RESOLUTION[0]
     films = []
     for sampler, candidates in _baked(texture_set, effort):
         last = len(candidates[0].levels) - 1
-        settings = FilmSettings(RenderSettings(SEED, effort.passes, sampler_named(sampler), work))
-        for scene in standard_films(
-            (height, width), lighting_named(lighting), last, "camera", effort.frames, resolution
-        ):
+        settings = RenderSettings(SEED, effort.passes, sampler_named(sampler), work)
+        lights = lighting_named(lighting)
+        for scene in films_of((height, width), lights, last, height=effort.height, frames=effort.frames):
             films.append(_figures(taken(scene, source, candidates, settings)))
     return {
         "lighting": lighting,
@@ -150,11 +146,11 @@ def _figures(take: Take) -> dict[str, Any]:
     }
 
 
-def _measures(frames: Frames, shown: ShownReference) -> dict[str, float]:
+def _measures(frames: Frames, shown: FilmReference) -> dict[str, float]:
     """Every measure of films by its name, the SNR of what is displayed (dB) as `snr-displayed`, and `visible`."""
     inside, film = shown.interior, shown.shown(frames)
     found = {
-        **film_figures(frames, shown, PIXELS_PER_DEGREE).by_measure,
+        **film_figures(frames, shown, PIXELS_PER_DEGREE),
         "snr-displayed": snr_db(film[inside], shown.first[inside], shown.second[inside]),
         "visible": visible_error(film, shown.mean),
     }

@@ -13,36 +13,31 @@ import mipbake
 from mipbake.baking.bake import AUTO_TARGET, Recipe, some_of
 from mipbake.baking.methods import METHODS
 from mipbake.base.options import one_of, option, same
-from mipbake.base.publish import temporary_folder
 from mipbake.base.timings import Timings
 from mipbake.cli import options
 from mipbake.cli.folders import stack_of
 from mipbake.cli.session import Session, plain, timings
 from mipbake.cli.sources import Sources, over_sets
 from mipbake.cli.tables import table
-from mipbake.comparing.comparison import Settings, Subjects
+from mipbake.comparing.comparison import Settings
 from mipbake.comparing.comparison import compare as compare_methods
 from mipbake.comparing.conditions import GRAMMAR, parse
-from mipbake.comparing.filming import MOST_PASSES
 from mipbake.comparing.films import MOTIONS, RESOLUTION, motion_named
 from mipbake.comparing.meshes.cache import default_folder
 from mipbake.comparing.meshes.mesh_file import read_mesh
 from mipbake.comparing.page import check_report, write_report
 from mipbake.comparing.page.verdict import verdict
 from mipbake.comparing.page.writing import PAGE
-from mipbake.comparing.pictures import MAX_PASSES
 from mipbake.comparing.result import Comparison
 from mipbake.comparing.scenes import SPHERE_RESOLUTION
-from mipbake.comparing.viewer import Source
 from mipbake.quality.environment import ENVIRONMENTS, lighting_named
 from mipbake.quality.figures import SCALES
 from mipbake.quality.metrics import MEASURES, PAIR_SETS
 from mipbake.quality.samplers import RENDER_SAMPLERS, render_sampler
-from mipbake.quality.texture_space import DEFAULT_POINTS, DEFAULT_SAMPLES, DEFAULT_SEED
+from mipbake.quality.texture_space import DEFAULT_SEED
 from mipbake.source.jobs import Job
 from mipbake.source.options import LoadOptions
 from mipbake.source.texture_set import TextureSet
-from mipbake.stack.stack import MipStack
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -102,24 +97,9 @@ class CompareFlags:
     lod_bias: float | None = same(Recipe, "lod_bias", otherwise="0")
     films: bool = option(True, "Film floors, a wall and a sphere, or the mesh, and judge the films.", negative=True)
     motion: str = option(MOTIONS[0], "What moves in films.", metavar=one_of(MOTIONS), group=_EFFORT)
-    keep_renders: bool = option(
-        False, "Keep every render as a multi-part EXR: candidate, reference, error, lod, uv.", group=_EFFORT
-    )
     size: int = option(
         SPHERE_RESOLUTION[0],
         f"Height of the renders in pixels, and of films up to {RESOLUTION[0]}; 16 or more.",
-        group=_EFFORT,
-    )
-    passes: int = option(
-        MAX_PASSES,
-        f"Most samples per pixel in the reference of a render, and of a film up to {MOST_PASSES}; an even number, 32 "
-        "or more.",
-        group=_EFFORT,
-    )
-    points: int = option(DEFAULT_POINTS, "Pixels per level of detail in texture space; 1 or more.", group=_EFFORT)
-    samples: int = option(
-        DEFAULT_SAMPLES,
-        "Samples per pixel in each of the two estimates of the reference in texture space; 1 or more.",
         group=_EFFORT,
     )
     seed: int = option(DEFAULT_SEED, "Seed of everything that is drawn at random; 0 or more.", group=_EFFORT)
@@ -128,26 +108,19 @@ class CompareFlags:
     )
 
     def settings(self) -> Settings:
-        """How thoroughly is measured, and what is rendered."""
+        """What is compared, and how."""
         return Settings(
+            methods=None if self.methods is None else tuple(name.strip() for name in self.methods.split(",")),
+            recipe=Recipe(target=self.target, pixel_filter=self.pixel_filter, aim=self.aim, device=self.device),
             lighting=lighting_named(self.light),
             mesh=read_mesh(self.mesh) if self.mesh else None,
             sampler=render_sampler(self.sampler, self.lod_bias),
             side=self.size,
-            max_passes=self.passes,
             films=self.films,
             motion=motion_named(self.motion),
-            points=self.points,
-            samples=self.samples,
             seed=self.seed,
             cache=default_folder() if self.cache else None,
         )
-
-    def subjects(self, stack: MipStack | None, path: Path | None) -> Subjects:
-        """What is compared; `stack`, `path`: what was baked, and where it lies."""
-        recipe = Recipe(target=self.target, pixel_filter=self.pixel_filter, aim=self.aim, device=self.device)
-        names = None if self.methods is None else tuple(name.strip() for name in self.methods.split(","))
-        return Subjects(stack, path, names, recipe)
 
 
 @options.reads_sets
@@ -182,12 +155,11 @@ def compare(
         check_report(place)
         known = stack_of(flags.baked, job, texture_set, alone) if flags.baked else None
         stack = mipbake.open_stack(known) if known else None
-        with timings(session, texture_set.name) as progress, temporary_folder() as kept:
-            renders = kept if flags.keep_renders else None
-            found = compare_methods(texture_set, flags.subjects(stack, known), settings, conditions, renders, progress)
-            comparison = replace(found.comparison, source=plain(job.named(texture_set.found)))
-            source = Source(texture_set.material(texture_set.source_model), texture_set.source_model, texture_set.wrap)
-            files = write_report(comparison, found.stacks, source, place, progress, renders)
+        with timings(session, texture_set.name) as progress:
+            found = compare_methods(texture_set, settings, stack, known, conditions, progress)
+            comparison = replace(found, source=plain(job.named(texture_set.found)))
+            source = texture_set.filtered(comparison.pixel_filter)
+            files = write_report(comparison, source, place, progress)
         outcomes = [condition.check(comparison) for condition in conditions]
         _print(session, comparison, place, files, progress)
         for outcome in outcomes:

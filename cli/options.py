@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable, Container, Iterable
+from collections.abc import Callable, Container
 from dataclasses import is_dataclass
 from typing import Annotated, Any, Optional, get_type_hints
 
@@ -213,16 +213,3 @@ def stacks_folder() -> Any:
     return typer.Option(
         "--out", "-o", metavar="OUT", help="Folder for the stacks, each in OUT/<set>/.", show_default=False
     )
-
-
-def parse_lods(text: str) -> tuple[float, ...]:
-    """Numbers separated by commas; UsageError for anything else."""
-    try:
-        return tuple(float(part) for part in text.split(","))
-    except ValueError:
-        raise UsageError(f"--lods is {text!r}: expected numbers separated by commas, for example 0,1,3") from None
-
-
-def lods_text(lods: Iterable[float]) -> str:
-    """Inverse of parse_lods."""
-    return ",".join(f"{lod:g}" for lod in lods)

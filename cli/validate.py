@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,14 +9,12 @@ import typer
 
 import mipbake
 from mipbake import TextureSet, UsageError, Validation
-from mipbake.base.options import option
 from mipbake.cli import options
 from mipbake.cli.folders import stack_of
-from mipbake.cli.options import lods_text, parse_lods
 from mipbake.cli.session import Session, timings
 from mipbake.cli.sources import Sources, over_sets
 from mipbake.cli.tables import table
-from mipbake.comparing.validate import DEFAULT_LODS, DEFAULT_POINTS, DEFAULT_SAMPLES, DEFAULT_SEED
+from mipbake.comparing.validate import DEFAULT_SEED
 from mipbake.source.jobs import Job
 from mipbake.source.options import LoadOptions
 from mipbake.stack.gltf.glb import multiple_of_side
@@ -26,20 +23,6 @@ from mipbake.stack.output import GLB
 
 if TYPE_CHECKING:
     from rich.table import Table
-
-
-@dataclass(frozen=True)
-class ValidateFlags:
-    """What the command line says of a measurement."""
-
-    lods: str = option(
-        lods_text(DEFAULT_LODS), "Levels of detail, numbers from 0 up, separated by commas.", metavar="LODS"
-    )
-    seed: int = option(DEFAULT_SEED, "Seed of the pixels, light-view pairs and samples that are drawn; 0 or more.")
-    points: int = option(DEFAULT_POINTS, "Pixels per level of detail; 1 or more.")
-    samples: int = option(
-        DEFAULT_SAMPLES, "Samples per pixel in each of the two estimates of the reference; 1 or more."
-    )
 
 
 @options.reads_sets
@@ -57,7 +40,10 @@ def validate(
             readable=False,
         ),
     ],
-    flags: ValidateFlags,
+    seed: Annotated[
+        int,
+        typer.Option(help="Seed of the pixels, light-view pairs and samples that are drawn; 0 or more."),
+    ] = DEFAULT_SEED,
 ) -> None:
     """Measure stacks against their sources: SNR in dB, higher is better.
 
@@ -65,9 +51,8 @@ def validate(
     baked with. Every material of a GLB is measured, from the textures in the file. A set whose stack cannot be measured
     is reported, and the other sets are measured all the same.
     """
-    chosen = parse_lods(flags.lods)
-    if flags.seed < 0:
-        raise UsageError(f"--seed is {flags.seed}: expected 0 or more")
+    if seed < 0:
+        raise UsageError(f"--seed is {seed}: expected 0 or more")
 
     in_glb = stack.suffix.lower() == f".{GLB}"
 
@@ -77,7 +62,7 @@ def validate(
             texture_set = multiple_of_side(texture_set)
         baked = stack_in_glb(stack, job, texture_set) if in_glb else mipbake.open_stack(place)
         with timings(session, texture_set.name) as progress:
-            measured = mipbake.validate(texture_set, baked, chosen, flags.seed, flags.points, flags.samples, progress)
+            measured = mipbake.validate(texture_set, baked, seed=seed, progress=progress)
         name = f"{place}: " + (f"{measured.name}, " if in_glb else "")
         session.print(f"{name}{measured.method}, {measured.model}, pixel filter {measured.pixel_filter}")
         for pair_set in dict.fromkeys(row.pair_set for row in measured.rows):

@@ -156,11 +156,11 @@ def of_plot(plot: Plot, words: Mapping[str, str]) -> tuple[list[str], list[tuple
 
 def temporal(source: Any, side: int, passes: int) -> tuple[Image.Image, dict[str, float]]:
     """Figure 4, and flicker."""
-    made = plots.temporal_slice(
+    plot, figures = plots.temporal_slice(
         filtered(source), stacks(source), environment.studio(), size=(side, side * 4 // 3), passes=passes
     )
-    flicker = {figure.method: figure.value for figure in made.figures if figure.measure == "flicker"}
-    heads, cells = of_plot(made.plot, {name: f"flicker {value:.2f}" for name, value in flicker.items()})
+    flicker = {figure.method: figure.value for figure in figures if figure.measure == "flicker"}
+    heads, cells = of_plot(plot, {name: f"flicker {value:.2f}" for name, value in flicker.items()})
     return composed(heads, [Row("", cells)]), flicker
 
 
@@ -170,8 +170,7 @@ def moved(source: Any, side: int, passes: int) -> tuple[Image.Image, dict[str, f
     made = render_view(view, filtered(source), stacks(source), RenderSettings(max_passes=passes), flicker=True)
     assert made.change is not None
     flicker = {figure.method: figure.value for figure in made.figures if figure.measure == "flicker"}
-    plot = plots.half_pixel_shift(made.change)
-    heads, cells = of_plot(plot, {name: f"flicker {value:.2f}" for name, value in flicker.items()})
+    heads, cells = of_plot(made.change, {name: f"flicker {value:.2f}" for name, value in flicker.items()})
     return composed(heads, [Row("", cells)]), flicker
 
 

@@ -69,13 +69,12 @@ def render(folder: Path, view: View, passes: int, resolved_share: float = 0.1) -
     """The candidates of a view, and the reference: at most `passes` samples a pixel, until it resolves both."""
     texture_set, stacks = load(folder)
     frames = {
-        name: mesh_render.candidate(view.shot, stack.levels, stack.model, texture_set.wrap)
-        for name, stack in stacks.items()
+        name: mesh_render.candidate(view, stack.levels, stack.model, texture_set.wrap) for name, stack in stacks.items()
     }
     kernel = stacks[BAKED].provenance.pixel_filter
     source = texture_set.filtered(kernel)
     wanted = Passes(resolved_share, min(32, passes), passes)
-    reference = mesh_render.reference(view.shot, source, 0, list(frames.values()), wanted)
+    reference = mesh_render.reference(view, source, 0, list(frames.values()), wanted)
     return frames, reference
 
 

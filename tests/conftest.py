@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 import pytest
@@ -20,3 +21,21 @@ def browser() -> Iterator[Any]:
     """Headless Chromium, one for each file of tests."""
     with headless() as started:
         yield started
+
+
+@pytest.fixture
+def quick_validation(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`mipbake validate` measures little."""
+    import mipbake
+
+    monkeypatch.setattr(mipbake, "validate", partial(mipbake.validate, lods=(0, 1), points=32, samples=8))
+
+
+@pytest.fixture
+def quick_comparison(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`mipbake compare` measures little."""
+    from mipbake.comparing import comparison, plots
+
+    monkeypatch.setattr(comparison, "MeasureEffort", partial(comparison.MeasureEffort, points=64, samples=8))
+    monkeypatch.setattr(comparison, "RenderSettings", partial(comparison.RenderSettings, max_passes=32))
+    monkeypatch.setattr(plots, "temporal_slice", partial(plots.temporal_slice, size=(24, 16), passes=8))

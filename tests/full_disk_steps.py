@@ -18,8 +18,6 @@ import numpy as np
 
 from mipbake.base.errors import OutputError
 from mipbake.base.publish import replaced_file
-from mipbake.comparing.meshes.mesh_render import Frame, Reference
-from mipbake.comparing.meshes.render_file import write_render
 from mipbake.material.pixel_filter import level_sizes
 from mipbake.stack.containers import FORMATS
 from mipbake.stack.stack import MipStack, Provenance
@@ -34,14 +32,6 @@ def noise_stack(size=SIZE):
     for level in levels:
         level[..., 5:] /= np.linalg.norm(level[..., 5:], axis=-1, keepdims=True)
     return MipStack("noise", "gltf", levels, {}, ("wrap", "wrap"), Provenance("linear", "box"))
-
-
-def render(path):
-    rng = np.random.default_rng(0)
-    image, coverage = rng.random((64, 64, 3), np.float32), np.ones((64, 64), np.float32)
-    frame = Frame(image, coverage > 0, image[..., :2], coverage)
-    write_render(path, frame, Reference(image, image, coverage > 0, 64, 0, 0, True),
-                 method="linear", pixel_filter="box", source_hash="")  # fmt: skip
 
 
 @contextlib.contextmanager
@@ -71,7 +61,6 @@ def main(place, how):
     writers = {f"{name}:{texels}": (lambda path, fmt=f"{name}:{texels}": stack.save(path, fmt))
                for name, kinds in FORMATS.items() for texels in kinds}  # fmt: skip
     writers["a file"] = lambda path: replaced_file(path, bytes(1 << 17))
-    writers["a render"] = render
     expected = "a limit of the session" if how == "limit" else "the disk is full"
     for name, write in writers.items():
         target = folder / "target"

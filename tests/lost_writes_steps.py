@@ -1,4 +1,4 @@
-"""A program for tests: writes a stack in every format, and a render; which of its writes fail is for strace to say.
+"""A program for tests: writes a stack in every format; which of its writes fail is for strace to say.
 
     python lost_writes_steps.py FOLDER
 
@@ -17,7 +17,7 @@ from mipbake import open_stack
 from mipbake.base.errors import OutputError
 from mipbake.source.images.oiio_levels import image_info
 from mipbake.stack.containers import FORMATS
-from tests.full_disk_steps import noise_stack, render
+from tests.full_disk_steps import noise_stack
 
 
 def content(path):
@@ -39,7 +39,7 @@ def main(place):
     stack = noise_stack((8, 8))  # few writes a file
     writers = {f"{name}:{texels}": (lambda path, fmt=f"{name}:{texels}": stack.save(path, fmt))
                for name, kinds in FORMATS.items() for texels in kinds}  # fmt: skip
-    writers |= {"glb": lambda path: stack.save(path, "glb"), "a render": render}
+    writers["glb"] = lambda path: stack.save(path, "glb")
     refused = 0
     for name, write in writers.items():
         right = folder / name.replace(":", " ")

@@ -46,9 +46,8 @@ def reference(
     resolved_share: float = 0.1,
     min_passes: int = 32,
     max_passes: int = 4096,
-    heard_every: float = 0.25,
     **more: Any,
 ) -> Reference:
     shot, source = Shot(mesh, camera, lighting, resolution), FilteredSource(stored, model, wrap, pixel_filter)
-    passes = Passes(resolved_share, min_passes, max_passes, heard_every)
+    passes = Passes(resolved_share, min_passes, max_passes)
     return mesh_render.reference(shot, source, seed, candidates, passes, **more)

@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 
 from mipbake.comparing.result import Comparison, Filmed, FilmedScene, Plot, Rendered, Scene
-from mipbake.comparing.viewer import Source
+from mipbake.material.filtered_source import FilteredSource
 from mipbake.quality.figures import SCALES, Figure, Method
-from mipbake.stack.stack import MipStack
 
 from .viewer_scenes import material, stack_of
 
@@ -42,7 +41,7 @@ def snr(name: str, view: str, lod: float) -> float:
     return (near if view == "near-mirror" else hemisphere) + change * lod + 0.6 * math.sin(1.7 * lod)
 
 
-def texture_figures(name: str, seed: int = 0) -> list[Figure]:
+def texture_figures(name: str) -> list[Figure]:
     found = []
     for view in ("near-mirror", "hemisphere"):
         for scale, (first, last) in SCALES.items():
@@ -64,27 +63,16 @@ def curve(name: str) -> list[Figure]:
     ]
 
 
-def picture(height: int, width: int, seed: int, blur: float) -> np.ndarray:
-    """(H, W, 3) a lit ball of noisy texture."""
-    rng = np.random.default_rng(seed)
-    y, x = np.mgrid[1 : -1 : height * 1j, -width / height : width / height : width * 1j]
-    z2 = 1 - x * x - y * y
-    z = np.sqrt(np.maximum(z2, 0))
-    noise = rng.standard_normal((height, width, 1)) + 0.05 * rng.standard_normal((height, width, 3))
-    for axis in (0, 1):
-        noise = (noise + blur * np.roll(noise, 1, axis)) / math.hypot(1, blur)
-    light = np.maximum(0.5 * x + 0.6 * y + 0.62 * z, 0)
-    lit = np.clip(0.5 + 0.25 * noise, 0.02, None) * light[..., None] + 2.5 * light[..., None] ** 40
-    back = 0.4 + 0.3 * (y[..., None] + 1) / 2 * np.array([0.8, 0.9, 1.0])
-    return np.where((z2 > 0)[..., None], lit, back).astype(np.float32)
+def picture(height: int, width: int, seed: int) -> np.ndarray:
+    return np.random.default_rng(seed).random((height, width, 3), np.float32)
 
 
 def rendered(name: str, title: str, view: str, scale: str, names: Any, size: tuple[int, int], lod: float) -> Rendered:
-    reference = picture(*size, 7, 1.0)
+    reference = picture(*size, 7)
     images, flips = {}, {}
     for index, each in enumerate(names):
-        share = 0.08 * (index + 1)
-        images[each] = ((1 - share) * reference + share * picture(*size, index, 0.2)).astype(np.float32)
+        share = np.float32(0.08 * (index + 1))
+        images[each] = (1 - share) * reference + share * picture(*size, index)
         flips[each] = np.clip(np.abs(images[each] - reference).mean(-1) * 2, 0, 1)
     scene = Scene(name, title, view, scale, lod, size, "studio", 96, 0.002, 0.04, True)
     return Rendered(scene, reference, images, np.ones(size, bool), flips)
@@ -125,25 +113,16 @@ def made_up(names: tuple[str, ...] = NAMES, size: int = 48, **changes: Any) -> C
         rendered(f"sphere-{scale}", f"Sphere, {scale}", "sphere", scale, names, (size, size), sum(lods) / 2)
         for scale, lods in SCALES.items()
     ]
-    plane = rendered(
-        "plane", "A plane that recedes from 1:1 to the last level", "plane", "", names, (size, 2 * size), 2.3
-    )
+    plane = rendered("plane", "Plane, lod 0 to 6", "plane", "", names, (size, 2 * size), 2.3)
     figures = [figure for name in names for figure in texture_figures(name)]
+    places = [*(("sphere", scale) for scale in SCALES), ("plane", "")]
     for index, name in enumerate(names):
-        for view, scales in (("sphere", tuple(SCALES)), ("plane", ("",))):
-            for scale in scales:
-                for measure, size_of in MEASURED.items():
-                    value = size_of * (1 + 0.1 * index) if measure != "ssim" else size_of - 0.02 * index
-                    figures.append(Figure(name, measure, view, scale, 1.0, value, math.nan, math.nan))
-    images = {name: each for name, each in spheres[0].images.items()}
-    plots = tuple(
-        Plot(key, title, f"{title} of this material.", spheres[0].reference, images)
-        for key, title in (
-            ("temporal-slice", "Temporal slice"),
-            ("half-pixel-shift", "Change under a half-pixel shift"),
-            ("apparent-brdf", "Apparent BRDF"),
-        )
-    )
+        for view, scale in places:
+            for measure, first in MEASURED.items():
+                value = first * (1 + 0.1 * index) if measure != "ssim" else first - 0.02 * index
+                figures.append(Figure(name, measure, view, scale, 1.0, value, math.nan, math.nan))
+    keys = "temporal-slice", "half-pixel-shift", "apparent-brdf"
+    plots = tuple(Plot(key, key, f"{key} of this material.", spheres[0].reference, spheres[0].images) for key in keys)
     made = Comparison(
         name="bricks",
         subject=names[0],
@@ -155,9 +134,6 @@ def made_up(names: tuple[str, ...] = NAMES, size: int = 48, **changes: Any) -> C
         rendered=(*spheres, plane),
         plots=plots,
         source={
-            "name": "bricks",
-            "width": 1024,
-            "height": 1024,
             "maps": {
                 "base_color": {
                     "role": "base_color", "path": Path("in/bricks_Color.png"), "channels": "RGB", "width": 1024,
@@ -178,13 +154,14 @@ def made_up(names: tuple[str, ...] = NAMES, size: int = 48, **changes: Any) -> C
     return replace(made, **changes)
 
 
-def made_up_stacks(comparison: Comparison, size: tuple[int, int] = (32, 64)) -> tuple[dict[str, MipStack], Source]:
+def with_stacks(comparison: Comparison, size: tuple[int, int] = (32, 64)) -> tuple[Comparison, FilteredSource]:
+    """The comparison with a stack of every method, and the source of the interactive view."""
     level = material("gltf", *size)
     stacks = {
         each.name: stack_of((level * (1 - 0.02 * i)).astype(np.float32), "gltf")
         for i, each in enumerate(comparison.methods)
     }
-    return stacks, Source(level, "gltf")
+    return replace(comparison, stacks=stacks), FilteredSource(level, "gltf", ("wrap", "wrap"), "gaussian")
 
 
 _VOID = {"meta", "link", "img", "input", "br", "col"}

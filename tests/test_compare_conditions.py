@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 from hypothesis import example, given
@@ -56,27 +57,19 @@ def comparison(subject: str = "neural") -> Comparison:
     [
         ("snr near-mirror lod=0 < 12", False, 12),
         ("snr near-mirror lod=0 <= 12", True, 12),
-        ("snr near-mirror lod=0 >= 12", True, 12),
         ("  near-mirror  snr lod=0.50<1.2e1  ", True, 11.5),
         ("measure=snr view=near-mirror lod=.25 < -3.5", False, 11.75),
         ("snr hemisphere 1:1 < 33", True, 32),
         ("snr near-mirror near > 11", True, 12),
-        ("'linear (box)' snr near-mirror lod=0 < 11", True, 10),
         ("snr near-mirror lod=0 method='linear (box)' < 11", True, 10),
-        ("snr near-mirror lod=0 over linear (box) < 1", False, 2),
         ("snr near-mirror lod=0 over 'lean (blackman-harris)' < 2", True, 1),
         ("snr near-mirror lod=0 over best < 1", False, 1),
         ("optimum snr near-mirror lod=0 over neural > 7", True, 8),
-        ("best snr near-mirror lod=0 < 11", False, 11),
-        ("flip sphere near > 0.05", True, 0.1),
-        ("best flip sphere near > 0.1", True, 0.2),
         ("flip sphere near over best > 0", False, -0.1),
         ("flip plane < 0.6", True, 0.5),
-        ("flicker hemisphere near > 4", False, 3),
         ("best flicker near-mirror near < 1", True, 0.5),  # 3 is further from 1 than 1/2 is
         ("jod-37 film-floor over best < 0", False, 0.5),  # 9.5 and LEAN's 9, the better of two
         ("jod-37 < 9", False, 9.5),  # it was measured for one film only
-        ("snr film-floor < 10", True, 9),
     ],
 )
 def test_conditions_mean_what_they_say(text: str, failed: bool, value: float) -> None:
@@ -96,14 +89,8 @@ def test_sentences_say_whose_figure_it_is() -> None:
     assert "SNR of neural (near-mirror, lod 0.25) is 11.75 dB" in curve
 
 
-def test_the_subject_is_no_rival_of_its_own() -> None:
-    found = comparison("lean (blackman-harris)")
-    assert parse("snr near-mirror lod=0 over best < 0").check(found).value == pytest.approx(1)
-
-
-@pytest.mark.parametrize("op", ["<", "<=", ">", ">="])
-def test_what_is_not_a_number_fails_the_build(op: str) -> None:
-    for text in (f"flicker hemisphere far {op} 1", f"flicker hemisphere far over best {op} 1"):
+def test_what_is_not_a_number_fails_the_build() -> None:
+    for text in ("flicker hemisphere far < 1", "flicker hemisphere far over best >= 1"):
         outcome = parse(text).check(comparison())
         assert outcome.failed and math.isnan(outcome.value)
         assert "cannot be decided, which counts as failed" in outcome.sentence and "is nan" in outcome.sentence
@@ -114,12 +101,8 @@ def test_what_is_not_a_number_fails_the_build(op: str) -> None:
     [
         ("", "expected words, one of <"),
         ("snr near-mirror lod=0 = 12", "expected words, one of <"),
-        ("snr lod=0 < 1 < 2", "expected words, one of <"),
         ("snr lod=0 < ", "'' is not a number"),
-        ("snr lod=0 < 12 dB", "'12 dB' is not a number"),
         ("snr lod=0 < nan", "'nan' is not a number"),
-        ("snr lod=0 < 1e999", "'1e999' is not a number"),
-        ("< 12", "it does not say which figure"),
         ("over best < 12", "it does not say which figure"),
         ("snr over < 12", "expected a method behind over"),
         ("snr 'linear < 12", "a quotation has no end"),
@@ -127,14 +110,11 @@ def test_what_is_not_a_number_fails_the_build(op: str) -> None:
         ("snr lod=near < 12", "the lod 'near' is not a number"),
         ("psnr near < 12", "there is no figure 'psnr', expected measure snr, flicker, flip"),
         ("scale=snr near < 12", "there is no scale 'snr', expected scale near, 1:1, middle, far"),
-        ("snr near-mirror filament near < 1", "there is no figure 'filament'"),
         ("snr near-mirror lod=6 < 1", "there is no lod '6', expected lod 0, 0.25, 0.5"),
         ("snr near-mirror near over lean < 1", "was not measured for method 'lean', but for neural, linear (box)"),
         ("snr near-mirror < 1", "it does not say which scale, expected one of near, 1:1, middle, far"),
         ("flip near hemisphere < 1", "flip near was not measured for view 'hemisphere', but for sphere"),
-        ("flip plane near < 1", "flip plane was not measured for scale 'near'"),
         ("flip sphere middle < 1", "flip sphere was not measured for scale 'middle', but for near, far"),
-        ("snr hemisphere lod=0 < 1", "snr was not measured for view 'hemisphere', but for near-mirror"),
     ],
 )
 def test_what_is_no_condition_is_refused_with_an_example(text: str, said: str) -> None:
@@ -144,9 +124,10 @@ def test_what_is_no_condition_is_refused_with_an_example(text: str, said: str) -
     assert repr(text) in str(refused.value) and EXAMPLE in str(refused.value) and "\n" not in str(refused.value)
 
 
-def test_best_needs_a_closed_form() -> None:
-    found = comparison("linear (box)")
-    alone = Comparison("set", "neural", "gltf", "gaussian", (found.methods[0],), found.curve, found.figures)
+def test_best_is_a_closed_form_other_than_the_subject() -> None:
+    found = comparison("lean (blackman-harris)")
+    assert parse("snr near-mirror lod=0 over best < 0").check(found).value == pytest.approx(1)
+    alone = replace(found, subject="neural", methods=found.methods[:1])
     with pytest.raises(UsageError, match="no closed form is compared"):
         parse("snr near-mirror lod=0 over best < 1").check(alone)
 

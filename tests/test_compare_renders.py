@@ -1,4 +1,4 @@
-"""Views of a comparison, their renders and measures, and the paper's figures, on tiny sets and closed forms."""
+"""Views of a comparison, their renders and measures, and the paper's plots, on tiny sets and closed forms."""
 
 from __future__ import annotations
 
@@ -18,16 +18,14 @@ from mipbake.comparing import pictures
 from mipbake.comparing.meshes import shapes
 from mipbake.comparing.meshes.mesh import Mesh
 from mipbake.comparing.pictures import SHIFT, RenderedView, RenderSettings, render_view
-from mipbake.comparing.plots import apparent_brdf, half_pixel_shift, temporal_slice
+from mipbake.comparing.plots import Turning, apparent_brdf, temporal_slice
 from mipbake.comparing.scenes import EXPOSURE, View, median_lod, mesh_views, shifted, standard_views
-from mipbake.comparing.turning import Turning
 from mipbake.material.aim import ANISOTROPIC, TRILINEAR
 from mipbake.material.filtered_source import FilteredSource
 from mipbake.material.pixel_filter import level_sizes
 from mipbake.quality.environment import directional
 from mipbake.quality.figures import Candidate, Method
-from mipbake.quality.metrics import MEASURES, srgb_encode
-from mipbake.quality.metrics.images import displayed
+from mipbake.quality.metrics import MEASURES
 from mipbake.quality.samplers import render_sampler
 
 from .mesh_renders import candidate, reference
@@ -78,13 +76,7 @@ def values(result: RenderedView, method: str) -> dict[str, float]:
     return {figure.measure: figure.value for figure in result.figures if figure.method == method}
 
 
-def test_what_a_display_shows_of_radiance() -> None:
-    x = np.array([-0.5, 0.0, 0.1, 1.0, 50.0])
-    assert np.allclose(displayed(x), srgb_encode(np.array([0, 0, 0.1 / 1.1, 0.5, 50 / 51])))
-    assert displayed(np.float32([[1e30] * 3])).max() <= 1
-
-
-@pytest.mark.parametrize("size", [(1024, 1024), (256, 1024), (2048, 512)])
+@pytest.mark.parametrize("size", [(1024, 1024), (256, 1024)])
 def test_spheres_have_the_median_lod_of_their_scale_and_square_texels(size: tuple[int, int]) -> None:
     found = views(size)
     assert list(found) == ["sphere-near", "sphere-1-1", "sphere-middle", "sphere-far", "plane"]
@@ -105,8 +97,8 @@ def test_a_texture_of_few_levels_is_far_at_its_last_one() -> None:
         assert abs(median_lod(view.mesh, view.camera, view.resolution, (16, 16)) - lod) < 0.1
 
 
-@pytest.mark.parametrize("size", [(256, 256), (64, 1024)])
-def test_the_plane_recedes_from_one_texel_a_pixel_to_the_last_level(size: tuple[int, int]) -> None:
+def test_the_plane_recedes_from_one_texel_a_pixel_to_the_last_level() -> None:
+    size = (64, 1024)
     view = views(size, plane_resolution=(128, 160))["plane"]
     levels = [np.zeros((*s, 8), np.float32) for s in level_sizes(*size)]
     frame = candidate(view.mesh, view.camera, LIGHTS, levels, "gltf", WRAP, view.resolution)
@@ -141,14 +133,12 @@ def test_a_mesh_is_fitted_and_keeps_its_texture_coordinates() -> None:
 
 
 def test_a_shifted_camera_shows_what_an_offset_does() -> None:
-    view, (_, (one,)) = views()["sphere-1-1"], (None, constant()[1])
-    stack = [np.random.default_rng(0).random(level.shape, np.float32) for level in one.levels]
-    scene = view.mesh, LIGHTS, stack, "gltf", WRAP, view.resolution
-    mesh, *rest = scene
-    moved = candidate(mesh, shifted(view.camera, SHIFT), *rest)
-    expected = candidate(mesh, view.camera, *rest, offset=SHIFT)
+    view, levels = views()["sphere-1-1"], constant()[1][0].levels
+    rest = (LIGHTS, [np.random.default_rng(0).random(each.shape, np.float32) for each in levels], "gltf", WRAP)
+    moved = candidate(view.mesh, shifted(view.camera, SHIFT), *rest, view.resolution)
+    expected = candidate(view.mesh, view.camera, *rest, view.resolution, offset=SHIFT)
     assert (moved.image == expected.image).all()
-    assert np.abs(moved.image - candidate(mesh, view.camera, *rest).image).max() > 0.01
+    assert np.abs(moved.image - candidate(view.mesh, view.camera, *rest, view.resolution).image).max() > 0.01
 
 
 def test_a_constant_material_has_no_error_and_flickers_as_its_reference() -> None:
@@ -172,40 +162,32 @@ def test_a_constant_material_has_no_error_and_flickers_as_its_reference() -> Non
     edge = (np.abs(rendered.images["constant"] - rendered.reference).max(-1) > 0.05) & ~rendered.interior
     assert edge.any()
 
-    assert result.change is not None
-    plot = half_pixel_shift(result.change)
-    assert (plot.reference[~result.change.interior] == 0).all() and (plot.reference >= 0).all()
+    plot = result.change
+    assert plot is not None
+    assert (plot.reference[~rendered.interior] == 0).all() and (plot.reference >= 0).all()
     ratio = plot.images["constant"] / np.maximum(plot.reference, 1e-6)
-    inside = result.change.interior & (plot.reference.min(-1) > 0.2)
+    inside = plot.reference.min(-1) > 0.2
     assert inside.any() and np.median(np.abs(ratio[inside] - 1)) < 0.1
     still = render_view(view, filtered(stored, "gaussian"), candidates, RenderSettings(0, 64), flicker=False)
     assert still.change is None and "flicker" not in values(still, "constant")
 
 
-@pytest.mark.long
 def test_pixel_filtered_methods_win_on_bumpy_gloss_and_renders_repeat(tmp_path: Path) -> None:
     stored = bumpy()
     candidates = baked(stored, ("linear", "box"), ("lean", "gaussian"))
-    view = views()["sphere-1-1"]
-    told: list[tuple[str, float]] = []
-    result = render_view(view, filtered(stored, "gaussian"), candidates, RenderSettings(0, 64),
-                         progress=lambda what, share: told.append((what, share)))  # fmt: skip
+    view, source, settings = views()["sphere-1-1"], filtered(stored, "gaussian"), RenderSettings(0, 64, cache=tmp_path)
+    shares: list[float] = []
+    result = render_view(view, source, candidates, settings, shares.append)
     box, lean = (values(result, name) for name in ("linear (box)", "lean (gaussian)"))
     for name in ("snr", "ssim", "flicker", "flicker-snr"):  # not FLIP, which averages fine shimmer away
         assert MEASURES[name].loss(lean[name]) < MEASURES[name].loss(box[name]), name
     assert box["flicker"] > 1.5
     scene = result.rendered.scene
     assert scene.name == "sphere-1-1" and scene.passes <= 64 and scene.candidate_error > 0
-    assert list(result.rendered.images) == ["linear (box)", "lean (gaussian)"]
-    shares = [share for _, share in told]
-    assert told[0][0] == "sphere-1-1" and shares == sorted(shares) and shares[-1] == 1
-
-    for _ in range(2):  # rendered and kept, then taken from the cache: the shifted picture has another file
-        again = render_view(view, filtered(stored, "gaussian"), candidates, RenderSettings(0, 64, cache=tmp_path))
-        assert again.figures == result.figures
-        assert (again.rendered.reference == result.rendered.reference).all()
-    other = render_view(view, filtered(stored, "gaussian"), candidates, RenderSettings(1, 64))
-    assert (other.rendered.reference != result.rendered.reference).any()
+    assert shares == sorted(shares) and shares[-1] == 1
+    again = render_view(view, source, candidates, settings)  # the shifted picture has another file in the cache
+    assert again.figures == result.figures
+    assert (again.rendered.reference == result.rendered.reference).all()
 
 
 def test_the_stochastic_sampler_draws_a_shifted_picture_anew(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -246,18 +228,10 @@ def test_anisotropic_lookups_keep_more_of_the_plane() -> None:
     )
     assert (plain.rendered.images["lean (gaussian)"] != sharp.rendered.images["lean (gaussian)"]).any()
     assert values(sharp, "lean (gaussian)")["snr"] > values(plain, "lean (gaussian)")["snr"]
-    (steady, turning) = (
-        temporal_slice(
-            filtered(stored, "gaussian"), candidates, LIGHTS, RenderSettings(0, sampler=sampler), (16, 4), 8
-        ).plot
-        for sampler in (TRILINEAR, ANISOTROPIC)
-    )
-    assert (steady.images["lean (gaussian)"] != turning.images["lean (gaussian)"]).any()
-    assert (steady.reference == turning.reference).all()
 
 
-@pytest.mark.parametrize("frame", [0, 17])
-def test_the_column_of_a_temporal_slice_is_that_of_a_full_render(frame: int) -> None:
+def test_the_column_of_a_temporal_slice_is_that_of_a_full_render() -> None:
+    frame = 17
     stored = bumpy()
     (one,) = baked(stored, ("lean", "gaussian"))
     turning = Turning(LIGHTS, (64, 64), 20, 32)
@@ -271,6 +245,9 @@ def test_the_column_of_a_temporal_slice_is_that_of_a_full_render(frame: int) -> 
     mesh = Mesh("turned", plane.positions @ turn.T, plane.normals, uv, tangents, plane.triangles)
     full = candidate(mesh, turning.camera, LIGHTS, one.levels, "gltf", WRAP, turning.resolution)
     assert np.abs(full.image[:, turning.column] - column).max() < 1e-4 * column.max()
+    sharp = candidate(mesh, turning.camera, LIGHTS, one.levels, "gltf", WRAP, turning.resolution, sampler=ANISOTROPIC)
+    ripped = turning.candidate(one.levels, "gltf", WRAP, ANISOTROPIC)[:, frame]
+    assert np.abs(sharp.image[:, turning.column] - ripped).max() < 1e-3 * ripped.max()
     lod = full.lod[:, turning.column]
     assert abs(lod[-1]) < 1e-3 and 0.85 < lod[0] <= 1.01
 
@@ -295,17 +272,16 @@ def test_a_temporal_slice_shows_shimmer_and_measures_it() -> None:
         assert loss(found["lean (gaussian)", measure]) < loss(found["linear (box)", measure])
     assert found["linear (box)", "flicker"] > 1.2
     again = temporal_slice(filtered(stored, "gaussian"), candidates, LIGHTS, RenderSettings(0), (32, 24), 96)
-    assert (again.plot.reference == plot.reference).all() and again.figures == figures
+    assert (again[0].reference == plot.reference).all() and again[1] == figures
 
     stored, candidates = constant()
     plot, figures = temporal_slice(filtered(stored, "mitchell"), candidates, LIGHTS, RenderSettings(0), (16, 6), 32)
     assert np.abs(plot.images["constant"] - plot.reference).max() < 2e-3 * plot.reference.max()
 
 
-@pytest.mark.parametrize("pixel_filter", ["gaussian", "mitchell"])
-def test_the_apparent_brdf_of_a_constant_material_is_its_brdf(pixel_filter: str) -> None:
+def test_the_apparent_brdf_of_a_constant_material_is_its_brdf() -> None:
     stored, candidates = constant()
-    plot = apparent_brdf(filtered(stored, pixel_filter), candidates, 0, size=24, samples=64)
+    plot = apparent_brdf(filtered(stored, "mitchell"), candidates, 0, size=24, samples=64)
     assert plot.reference.shape == (24, 24, 3) and (plot.reference[0, 0] == 0).all()
     assert np.abs(plot.images["constant"] - plot.reference).max() < 1e-4 * plot.reference.max()
     row, column = np.argwhere(plot.reference.max(-1) > 0.3 * plot.reference.max())[0]

@@ -54,7 +54,7 @@ def test_commands_work_without_extras(tmp_path: Path) -> None:
         ("info", out / "lacquered_leather"),
         ("presets",),
         ("convert", SET, "-o", tmp_path / "converted", "--to", "ggx"),
-        ("validate", SET, out / "lacquered_leather", "--points", "8", "--samples", "8"),
+        ("validate", SET, out / "lacquered_leather"),
     ):
         done = command(*arguments)
         assert done.returncode == 0, done.stderr
@@ -66,7 +66,7 @@ def test_commands_work_without_extras(tmp_path: Path) -> None:
     [
         (
             ("compare", SET, "-o", "{tmp}"),
-            "a comparison needs colour-science, flip-evaluator, OpenEXR, scipy, scikit-image, which mipbake's extra "
+            "a comparison needs colour-science, flip-evaluator, scipy, scikit-image, which mipbake's extra "
             '`compare` brings: python -m pip install "mipbake[compare]"',
         ),
         (

@@ -7,15 +7,11 @@ import importlib
 import itertools
 import json
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import pytest
-
-from mipbake.baking.bake import Recipe
 
 from .test_results import bumpy
 
@@ -30,7 +26,7 @@ def films(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     script = importlib.import_module("films")
     monkeypatch.setattr(script, "ACCUMULATED", METHODS[:2])
     monkeypatch.setattr(script, "check_color_video_vdp", lambda: None)
-    monkeypatch.setattr("mipbake.comparing.film_figures.missing_judge", lambda: "not installed")
+    monkeypatch.setattr("mipbake.comparing.filming.missing_judge", lambda: "not installed")
     return script
 
 
@@ -40,11 +36,9 @@ def test_methods_are_baked_for_the_sampler_that_looks_them_up(
     baked: list[tuple[str, str]] = []
     bake_all = films.bake_all
 
-    @contextmanager
-    def counted(texture_set: Any, recipe: Recipe, names: Any) -> Iterator[Any]:
+    def counted(texture_set: Any, recipe: Any, names: Any) -> Any:
         baked.extend((name, str(recipe.sampler)) for name in names)
-        with bake_all(texture_set, recipe, names) as found:
-            yield found
+        return bake_all(texture_set, recipe, names)
 
     monkeypatch.setattr(films, "bake_all", counted)
     found = films.measured(bumpy(32), "lamps", tmp_path, films.FilmsEffort(32, 2, 16, METHODS))
@@ -60,9 +54,8 @@ def test_methods_are_baked_for_the_sampler_that_looks_them_up(
         assert tuple(each["figures"]) == (METHODS[:2] if each["sampler"] in samplers[2:] else METHODS)
         for figures in each["figures"].values():
             assert {"snr", "flip", "sparkle", "flicker", "snr-displayed", "visible"} <= set(figures)
-            assert (
-                figures["visible"] > 0 and figures["snr-displayed"] > figures["snr"]
-            )  # a display hides what is bright
+            # A display hides what is bright.
+            assert figures["visible"] > 0 and figures["snr-displayed"] > figures["snr"]
     assert found["lighting"] == "lamps" and found["network"].startswith("mipbake")
     assert 0 < found["roughness"] < 1 and found["slope"] > 0
 
@@ -70,10 +63,10 @@ def test_methods_are_baked_for_the_sampler_that_looks_them_up(
 def test_sets_are_measured_in_pieces(
     films: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    asked: list[tuple[str, str]] = []
+    done: list[tuple[str, str]] = []
 
     def measured(texture_set: str, lighting: str, work: Path, effort: Any) -> dict[str, Any]:
-        asked.append((texture_set, lighting))
+        done.append((texture_set, lighting))
         assert work.name == texture_set
         film = {"scene": "film-floor", "sampler": "trilinear", "figures": {"neural": {"jod-37": 9.0}}}
         kept = dataclasses.asdict(effort) | {"methods": list(effort.methods)}
@@ -84,16 +77,15 @@ def test_sets_are_measured_in_pieces(
     results = tmp_path / "results.json"
 
     def run(*more: str) -> list[tuple[str, str]]:
-        asked.clear()
+        done.clear()
         monkeypatch.setattr(sys, "argv", ["films.py", "sets", str(tmp_path / "out"), *more])
         films.main()
-        return list(asked)
+        return list(done)
 
     assert run("--plans", "d", "b") == [("b", "sky"), ("d", "studio")]  # lightings go by all sets
     assert run("--results", str(results)) == [("a", "studio"), ("c", "lamps")]
     assert list(json.loads(results.read_text())["sets"]) == ["a", "b", "c", "d"]
     assert run() == [] and "  film-floor, trilinear: JOD of neural 9.00\n" in capsys.readouterr().out
-    assert run("--plans", "b", "--methods", "neural") == [("b", "sky")]
     assert run("--plans", "a", "--frames", "4") == [("a", "studio")]  # other settings are other figures
     with pytest.raises(SystemExit):
         run("--plans", "e")

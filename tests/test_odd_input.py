@@ -26,7 +26,7 @@ MANY, MORE = "9" * 400, "9" * 5000
 PROJECT = 'library = "wood"\nout = "out"\n'
 
 
-@pytest.mark.parametrize(("option", "number"), [("--points", MANY), ("--seed", f"-{MANY}"), ("--memory", MORE)])
+@pytest.mark.parametrize(("option", "number"), [("--seed", MANY), ("--seed", f"-{MANY}"), ("--memory", MORE)])
 def test_numbers_beyond_all_measure(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str, number: str
 ) -> None:

@@ -32,20 +32,15 @@ def test_a_camera_sees_its_target_in_the_middle_and_its_field_of_view_to_the_edg
     assert near[2] / near[3] == pytest.approx(-1) and far[2] / far[3] == pytest.approx(1)
 
 
-def test_an_offset_moves_the_sampling_point_by_pixels() -> None:
-    camera = orbit(4, 20, 35)
-    point = (0.3, 0.2, -0.4)
-    plain = to_pixel(camera, point, (30, 50))
-    assert to_pixel(camera, point, (30, 50), offset=(0.25, -2)) == pytest.approx(plain - [0.25, -2])
-
-
-@pytest.mark.parametrize("elevation", [-90, -30, 0, 60, 90])
+@pytest.mark.parametrize("elevation", [-90, -30, 60])
 def test_orbit_keeps_its_distance_and_looks_at_the_target(elevation: float) -> None:
     camera = orbit(3, 130, elevation, looks_at=(1, 2, 3))
     assert np.linalg.norm(np.subtract(camera.position, (1, 2, 3))) == pytest.approx(3)
     assert to_pixel(camera, (1, 2, 3), (64, 64)) == pytest.approx([32, 32])
-    matrix = camera.view_matrix()[:3, :3]
+    matrix, point = camera.view_matrix()[:3, :3], (1.3, 2.2, 2.6)
     assert np.allclose(matrix @ matrix.T, np.eye(3)) and np.linalg.det(matrix) == pytest.approx(1)
+    moved = to_pixel(camera, point, (30, 50), offset=(0.25, -2))
+    assert moved == pytest.approx(to_pixel(camera, point, (30, 50)) - [0.25, -2])
 
 
 @pytest.mark.parametrize(
@@ -80,15 +75,6 @@ def test_shapes_have_orthonormal_right_handed_frames_that_follow_their_texture(m
     assert (a[..., :3] * b[..., :3]).sum(-1).min() > 0.99
 
 
-def test_the_material_ball_has_no_crowded_texels() -> None:
-    mesh = shapes.material_ball(24)
-    p, t = mesh.positions[mesh.triangles], mesh.uv[mesh.triangles]
-    area = np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=-1)
-    e, f = t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]
-    density = np.sqrt(np.abs(e[:, 0] * f[:, 1] - e[:, 1] * f[:, 0]) / area)
-    assert density.max() / density.min() < 2.2
-
-
 def test_mirrored_texture_coordinates_turn_the_handedness_and_split_the_seam() -> None:
     # Two quads side by side that share an edge; u grows to the middle and falls beyond it.
     positions = np.array([[x, y, 0.0] for y in (0, 1) for x in (0, 1, 2)])
@@ -101,6 +87,10 @@ def test_mirrored_texture_coordinates_turn_the_handedness_and_split_the_seam() -
     # The bitangent points towards smaller v: up.
     b = np.cross(mesh.normals, mesh.tangents[:, :3]) * mesh.tangents[:, 3:]
     assert np.allclose(b, [0, 1, 0])
+    # Triangles without area in the texture still get a frame.
+    flat = with_tangents("flat", positions, mesh.normals[:6], np.zeros((6, 2)), triangles[:1])
+    assert np.allclose(np.linalg.norm(flat.tangents[:, :3], axis=-1), 1)
+    assert np.allclose((flat.tangents[:, :3] * flat.normals).sum(-1), 0)
 
 
 def test_tangents_weigh_corners_by_their_angle_and_join_equal_vertices() -> None:
@@ -114,14 +104,6 @@ def test_tangents_weigh_corners_by_their_angle_and_join_equal_vertices() -> None
     expected /= np.linalg.norm(expected)
     for vertex in (mesh.triangles[0, 0], mesh.triangles[1, 0]):
         assert np.allclose(mesh.tangents[vertex, :3], expected)
-
-
-def test_triangles_without_area_in_the_texture_still_get_a_frame() -> None:
-    positions = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float64)
-    normals = np.tile([0.0, 0, 1], (3, 1))
-    mesh = with_tangents("flat", positions, normals, np.zeros((3, 2)), np.array([[0, 1, 2]], np.int32))
-    assert np.allclose(np.linalg.norm(mesh.tangents[:, :3], axis=-1), 1)
-    assert np.allclose((mesh.tangents[:, :3] * mesh.normals).sum(-1), 0)
 
 
 def test_normals_are_smooth_up_to_the_crease_and_weighted_by_angle() -> None:
@@ -168,16 +150,6 @@ def test_lights_carry_the_energy_of_their_environment_and_get_better_with_their_
     assert errors[1] < 0.025
 
 
-def test_a_bright_texel_becomes_a_light_in_its_direction() -> None:
-    values = np.full((16, 32, 3), 1e-6)
-    values[4, 9] = (300, 200, 100)
-    lighting = environment.from_map("spot", values, 8, normalised=False)
-    brightest = lighting.radiance.sum(-1).argmax()
-    assert lighting.direction[brightest] == pytest.approx(environment.directions_of(16, 32)[4, 9], abs=1e-3)
-    # Left of the middle is +x, the upper half +y (OpenEXR).
-    assert (lighting.direction[brightest] > 0).all()
-
-
 def test_the_clear_sky_is_the_one_of_the_standard() -> None:
     """CIE S 011:2003 type 12 by hand: the zenith at 90 degrees from the sun, the sun at 60 degrees from the zenith."""
     zenith, chi = np.array([1.0, 0.5]), np.array([np.pi / 2, 0.0])
@@ -185,56 +157,42 @@ def test_the_clear_sky_is_the_one_of_the_standard() -> None:
     assert environment.clear_sky(zenith, chi) == pytest.approx([0.27385096, 5.3700370], rel=1e-6)
 
 
-@pytest.mark.parametrize("name", ["studio", "sky"])
-def test_named_environments_light_a_white_matte_sphere_to_1_on_average(name: str) -> None:
-    lighting = environment.lighting_named(name)
-    again = environment.lighting_named(name)
-    assert np.array_equal(lighting.direction, again.direction) and np.array_equal(lighting.radiance, again.radiance)
-    rng = np.random.default_rng(0)
-    normals = rng.standard_normal((20000, 3))
+def test_named_environments_light_a_white_matte_sphere_to_1_on_average() -> None:
+    normals = np.random.default_rng(0).standard_normal((20000, 3))
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
-    luminance = lighting.irradiance(normals).mean(0) / np.pi @ [0.2126, 0.7152, 0.0722]
-    assert luminance == pytest.approx(1, rel=0.02)
+    for name in ("studio", "sky"):
+        lighting, again = (environment.lighting_named(name) for _ in range(2))
+        assert np.array_equal(lighting.direction, again.direction)
+        luminance = lighting.irradiance(normals).mean(0) / np.pi @ [0.2126, 0.7152, 0.0722]
+        assert luminance == pytest.approx(1, rel=0.02)
 
 
 def test_an_environment_comes_from_a_file_and_one_with_nan_is_refused_in_a_sentence(tmp_path: Path) -> None:
     import OpenImageIO
 
     def write(name: str, values: Any) -> Path:
-        spec = OpenImageIO.ImageSpec(values.shape[1], values.shape[0], values.shape[2], "float")
-        out = OpenImageIO.ImageOutput.create(str(tmp_path / name))
-        out.open(str(tmp_path / name), spec)
-        out.write_image(values.astype(np.float32))
-        out.close()
+        OpenImageIO.ImageBuf(np.ascontiguousarray(values, np.float32)).write(str(tmp_path / name))
         return tmp_path / name
 
     values = environment.sky_map(32).astype(np.float32)
     lighting = environment.lighting_named(str(write("sky.exr", values)), 32)
     assert np.array_equal(lighting.radiance, environment.from_map("sky", values, 32).radiance)
-    bad = values.copy()
-    bad[3, 5, 1] = np.nan
-    with pytest.raises(InputError, match=r"bad.exr holds a value that is not finite at row 3, column 5, channel 1"):
-        environment.from_file(write("bad.exr", bad))
-    bad[3, 5, 1] = -1
-    with pytest.raises(InputError, match=r"negative at row 3, column 5, channel 1"):
-        environment.from_file(write("negative.exr", bad))
-    with pytest.raises(InputError, match="twice as wide as high"):
-        environment.from_file(write("square.exr", values[:, :32]))
-    with pytest.raises(InputError, match="fewer than three channels"):
-        environment.from_file(write("grey.exr", values[..., :1]))
-    whole = write("whole.hdr", values), write("whole.exr", values)
-    for path in whole:
+    bad, negative = values.copy(), values.copy()
+    bad[3, 5, 1], negative[3, 5, 1] = np.nan, -1
+    for name, wrong, message in (
+        ("bad.exr", bad, r"bad.exr holds a value that is not finite at row 3, column 5, channel 1"),
+        ("negative.exr", negative, r"negative at row 3, column 5, channel 1"),
+        ("square.exr", values[:, :32], "twice as wide as high"),
+        ("grey.exr", values[..., :1], "fewer than three channels"),
+    ):
+        with pytest.raises(InputError, match=message):
+            environment.from_file(write(name, wrong))
+    for path in (write("whole.hdr", values), write("whole.exr", values)):
         data = path.read_bytes()
-        for kept in (len(data) - 3, len(data) // 2, 100, 0):
+        for kept in (len(data) - 3, len(data) // 2, 0):
             path.write_bytes(data[:kept])
-            with pytest.raises(
-                InputError, match=rf"whole{path.suffix} cannot be read .*: expected a whole image"
-            ) as error:
+            with pytest.raises(InputError, match=rf"whole{path.suffix} cannot be read .*: expected a whole image"):
                 environment.lighting_named(str(path))
-            assert "\n" not in str(error.value)
-    (tmp_path / "text.hdr").write_text("nothing")
-    with pytest.raises(InputError, match=r"text\.hdr cannot be read"):
-        environment.from_file(tmp_path / "text.hdr")
     with pytest.raises(InputError, match=r"none\.hdr cannot be read"):
         environment.from_file(tmp_path / "none.hdr")
     with pytest.raises(InputError, match="is black"):
@@ -254,7 +212,7 @@ def test_lights_given_one_by_one_are_checked() -> None:
         environment.directional("x", [[0, 0, 0]], [[1, 1, 1]])
 
 
-def test_a_sun_of_one_texel_is_one_light_with_all_its_energy():
+def test_a_sun_of_one_texel_is_one_light_with_all_its_energy() -> None:
     sky = np.full((8, 16, 3), 1e-3)
     sky[1, 3] = 4000
     lights = environment.from_map("sun", sky, 64)
@@ -262,3 +220,4 @@ def test_a_sun_of_one_texel_is_one_light_with_all_its_energy():
     assert 2 < len(lights.direction) < 64
     assert lights.radiance[brightest].sum() > 0.99 * lights.radiance.sum()
     assert np.allclose(lights.direction[brightest], environment.directions_of(8, 16)[1, 3], atol=1e-3)
+    assert (lights.direction[brightest][:2] > 0).all()  # left of the middle is +x, the upper half +y (OpenEXR)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import io
 import json
 import re
 from dataclasses import replace
@@ -13,17 +15,17 @@ import pytest
 from PIL import Image
 
 from mipbake.base.errors import OutputError
-from mipbake.comparing.page import check_report, write_report
+from mipbake.comparing.page import check_report, texels, write_report
 from mipbake.comparing.page.markup import Html, element, joined, listed
 from mipbake.comparing.page.pictures import heat
 from mipbake.comparing.page.scenes import flip_top
-from mipbake.comparing.page.texels import WINDOW, Window, cropped, view, view_names, window_side
+from mipbake.comparing.page.texels import view
 from mipbake.comparing.result import Comparison
-from mipbake.comparing.viewer import Source
 from mipbake.material import MODELS
 from mipbake.material.pixel_filter import level_sizes
+from mipbake.quality.figures import Figure, Method
 
-from .report_cases import NAMES, Page, made_up, made_up_stacks
+from .report_cases import NAMES, Page, film_figures, film_grey, filmed, made_up, with_stacks
 from .viewer_scenes import material, scene_of, stack_of
 
 FEW = ("neural", "linear (box)", "lean (gaussian)")
@@ -31,9 +33,10 @@ FEW = ("neural", "linear (box)", "lean (gaussian)")
 
 @pytest.fixture(scope="module")
 def report(tmp_path_factory: pytest.TempPathFactory) -> tuple[Comparison, list[Path], Page]:
-    comparison = made_up(FEW, 24)
-    stacks, source = made_up_stacks(comparison, (16, 32))
-    files = write_report(comparison, stacks, source, tmp_path_factory.mktemp("reports") / "new" / "report")
+    made = made_up(FEW, 24, films=tuple(filmed(name, FEW) for name in ("floor", "wall")))
+    films = [f for film in ("floor", "wall") for f in film_figures(film, dict.fromkeys(FEW, 9.25))]
+    comparison, source = with_stacks(replace(made, figures=(*made.figures, *films)), (16, 32))
+    files = write_report(comparison, source, tmp_path_factory.mktemp("reports") / "new" / "report")
     return comparison, files, Page(files[0].read_text(encoding="utf-8"))
 
 
@@ -45,16 +48,14 @@ def test_a_report_holds_what_it_names_and_nothing_else(report: Any) -> None:
     folder = files[0].parent
     assert [f.name for f in files[:2]] == ["index.html", "results.json"]
     assert sorted(files) == sorted(path for path in folder.rglob("*") if path.is_file())
-    scenes = {"sphere-near", "sphere-1-1", "sphere-middle", "sphere-far", "plane"}
     names = {path.stem for path in files}
-    for scene in scenes:
+    for scene in ("sphere-near", "sphere-1-1", "sphere-middle", "sphere-far", "plane"):
         assert {f"{scene}--reference", f"{scene}--neural", f"{scene}--neural--flip"} <= names
-        assert {f"{scene}--linear-box", f"{scene}--linear-box--flip"} <= names
     assert {f"{plot}--lean-gaussian" for plot in ("temporal-slice", "half-pixel-shift", "apparent-brdf")} <= names
     assert list(folder.parent.iterdir()) == [folder]
 
 
-def test_nothing_is_loaded_from_elsewhere(report: Any) -> None:
+def test_nothing_is_loaded_from_elsewhere_and_all_is_described(report: Any) -> None:
     _, files, page = report
     for tag, attributes in page.elements:
         if "src" in attributes:
@@ -65,19 +66,13 @@ def test_nothing_is_loaded_from_elsewhere(report: Any) -> None:
             assert inside or href == "data:," or (files[0].parent / href).is_file(), href
     styles = files[0].read_text(encoding="utf-8")
     assert "@import" not in styles and not re.search(r"url\((?!#)", styles)
-
-
-def test_pictures_are_described_and_parts_are_named(report: Any) -> None:
-    _, _, page = report
-    pictures = page.all("img")
-    assert len(pictures) > 60
-    assert all(picture["alt"] for picture in pictures)
+    assert len(page.all("img")) > 60 and all(picture["alt"] for picture in page.all("img"))
     ids = [a["id"] for _, a in page.elements if "id" in a]
     assert len(ids) == len(set(ids))
     assert all(a["aria-labelledby"] in ids for _, a in page.elements if "aria-labelledby" in a)
     assert all(a.get("aria-label") for _, a in page.elements if a.get("role") == "region")
     assert [t for t, _ in page.elements if t == "h1"] == ["h1"]
-    assert page.all("html", lang="en")
+    assert [a.get("id") for a in page.all("section")][:2] == ["films", "pictures"]
 
 
 def test_figures_as_json(report: Any) -> None:
@@ -88,21 +83,13 @@ def test_figures_as_json(report: Any) -> None:
     assert (results["schema"], results["schema_version"]) == ("mipbake-comparison", 1)
     assert list(results)[3:] == list(comparison.to_dict())
     flicker = next(f for f in results["figures"] if f["measure"] == "flicker")
-    assert flicker["low"] is None and flicker["value"] == pytest.approx(comparison.figure(
-        flicker["method"], "flicker", flicker["view"], flicker["scale"]).value)  # fmt: skip
+    place = (flicker["method"], "flicker", flicker["view"], flicker["scale"])
+    assert flicker["low"] is None and flicker["value"] == pytest.approx(comparison.figure(*place).value)
     assert results["source"]["maps"]["base_color"]["path"] == str(Path("in/bricks_Color.png"))
 
 
-def test_the_same_comparison_gives_the_same_bytes(tmp_path: Path) -> None:
-    comparison = made_up(FEW[:2], 16)
-    stacks, source = made_up_stacks(comparison, (8, 8))
-    first, second = (write_report(comparison, stacks, source, tmp_path / name) for name in ("a", "b"))
-    assert [f.read_bytes() for f in first] == [f.read_bytes() for f in second]
-
-
-def test_files_hold_what_is_displayed(tmp_path: Path) -> None:
-    comparison = made_up(FEW, 16)
-    files = write_report(comparison, {}, None, tmp_path / "r")
+def test_files_hold_what_is_displayed_and_the_page_shows_them(report: Any) -> None:
+    comparison, files, page = report
     rendered = comparison.rendered[0]
     pixels = np.asarray(Image.open(next(f for f in files if f.name == "sphere-near--neural.png")))
     shown = rendered.images["neural"] / (1 + rendered.images["neural"])
@@ -110,42 +97,50 @@ def test_files_hold_what_is_displayed(tmp_path: Path) -> None:
     np.testing.assert_allclose(pixels, 255 * encoded, atol=0.51)
     flip = np.asarray(Image.open(next(f for f in files if f.name == "sphere-near--neural--flip.png")))
     np.testing.assert_array_equal(flip, heat(rendered.flip["neural"], flip_top(comparison)))
-
-
-def test_the_page_shows_the_pixels_of_the_files(report: Any, tmp_path: Path) -> None:
-    import base64
-    import io
-
-    _, files, page = report
-    uri = next(str(a["src"]) for a in page.all("img", class_="render"))
+    uri = next(str(a["src"]) for a in page.all("img", class_="render") if a["alt"] == f"{rendered.scene.title}, neural")
     embedded = Image.open(io.BytesIO(base64.b64decode(uri.partition(",")[2])))
-    reference = Image.open(files[0].parent / "images" / "sphere-near--reference.png")
-    np.testing.assert_array_equal(np.asarray(embedded.convert("RGB")), np.asarray(reference))
+    np.testing.assert_array_equal(np.asarray(embedded.convert("RGB")), pixels)
 
 
-def test_progress_rises_to_one(tmp_path: Path) -> None:
+def test_a_film_is_one_picture_for_each_method(report: Any) -> None:
+    _, files, page = report
+    for film in ("film-floor", "film-wall"):
+        for index, name in enumerate(("reference", "neural", "linear-box", "lean-gaussian")):
+            sheet = np.asarray(Image.open(files[0].parent / "images" / f"{film}--{name}.png").convert("RGB"))
+            assert sheet.shape == (4 * 24, 36, 3)
+            for frame in range(4):
+                assert (sheet[24 * frame : 24 * (frame + 1)] == film_grey(index - 1, frame)).all()
+    shown = page.all("figure", class_="scene film")
+    assert [(each["data-scene"], each["data-frames"], each["data-fps"]) for each in shown] == [
+        ("film-floor", "4", "30"), ("film-wall", "4", "30"),
+    ]  # fmt: skip
+    assert {each["style"] for each in page.all("div", class_="frame")} == {"aspect-ratio: 36 / 24"}
+    text = " ".join(page.text)
+    assert "In films, ColorVideoVDP at 37 pixels per degree, ahead of" in text
+    assert "Every measure in the film of the floor" in text
+    figures = [a["data-figures"] for a in page.all("figure", **{"data-method": "neural"}) if a.get("data-figures")]
+    assert '"ColorVideoVDP at 37 pixels per degree": "9.25 JOD"' in str(figures[0])
+
+
+def test_the_same_comparison_gives_the_same_bytes_in_place_of_an_earlier_report(tmp_path: Path) -> None:
+    comparison, source = with_stacks(made_up(FEW[:2], 16), (8, 8))
     told: list[float] = []
-    comparison = made_up(FEW, 16)
-    stacks, source = made_up_stacks(comparison, (8, 8))
-    write_report(comparison, stacks, source, tmp_path / "r", lambda phase, share: told.append(share))
-    assert told == sorted(told) and told[-1] == 1 and told[-2] < 1 and len(set(told)) > 40
+    write_report(made_up(FEW, 16), None, tmp_path / "a")
+    check_report(tmp_path / "a")
+    first = write_report(comparison, source, tmp_path / "a", lambda phase, share: told.append(share))
+    second = write_report(comparison, source, tmp_path / "b")
+    assert [f.read_bytes() for f in first] == [f.read_bytes() for f in second]
+    assert sorted(first) == sorted(path for path in (tmp_path / "a").rglob("*") if path.is_file())
+    assert told == sorted(told) and told[-1] == 1 and told[-2] < 1 and len(told) > 8
 
 
-def test_an_earlier_report_is_replaced(tmp_path: Path) -> None:
-    write_report(made_up(FEW, 16), {}, None, tmp_path / "r")
-    check_report(tmp_path / "r")
-    files = write_report(made_up(FEW[:2], 16, name="other"), {}, None, tmp_path / "r")
-    assert not list((tmp_path / "r").rglob("*lean*"))
-    assert "other" in files[0].read_text(encoding="utf-8")
-
-
-@pytest.mark.parametrize("foreign", ["mine.txt", "images/mine.txt", "renders/mine.png", "other/x.png"])
+@pytest.mark.parametrize("foreign", ["mine.txt", "images/mine.txt", "images/more/x.png", "other/x.png"])
 def test_a_folder_that_holds_anything_else_is_left_alone(tmp_path: Path, foreign: str) -> None:
-    write_report(made_up(FEW[:2], 16), {}, None, tmp_path / "r")
+    write_report(made_up(FEW[:2], 16, rendered=()), None, tmp_path / "r")
     other = tmp_path / "r" / foreign
     other.parent.mkdir(exist_ok=True)
     other.write_text("keep me")
-    for attempt in (check_report, lambda folder: write_report(made_up(FEW, 16), {}, None, folder)):
+    for attempt in (check_report, lambda folder: write_report(made_up(FEW, 16), None, folder)):
         with pytest.raises(OutputError, match="holds files that are not mipbake's"):
             attempt(tmp_path / "r")
     assert other.read_text() == "keep me"
@@ -158,17 +153,21 @@ def test_a_failure_leaves_nothing(tmp_path: Path) -> None:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        write_report(made_up(FEW, 16), {}, None, tmp_path / "a" / "r", fail)
+        write_report(made_up(FEW, 16), None, tmp_path / "a" / "r", fail)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_kept_renders_come_along(tmp_path: Path) -> None:
-    (tmp_path / "kept").mkdir()
-    (tmp_path / "kept" / "plane--neural.exr").write_bytes(b"exr")
-    files = write_report(made_up(FEW[:2], 16), {}, None, tmp_path / "r", renders=tmp_path / "kept")
-    assert (tmp_path / "r" / "renders" / "plane--neural.exr").read_bytes() == b"exr"
-    assert tmp_path / "r" / "renders" / "plane--neural.exr" in files
-    check_report(tmp_path / "r")  # may be replaced
+def test_a_page_of_figures_alone(tmp_path: Path) -> None:
+    """Parts that were not measured are left out."""
+    figures = [Figure(name, "snr", "hemisphere", "near", 0.0, 20.0, 19.0, 21.0) for name in FEW]
+    whole = made_up(FEW, 16)
+    bare = Comparison("s", "neural", "gltf", "gaussian", whole.methods, (), tuple(figures))
+    page = Page(write_report(bare, None, tmp_path / "a")[0].read_text(encoding="utf-8"))
+    assert [a["id"] for a in page.all("section")] == ["figures", "details"]
+    assert not page.all("div", class_="bar js")
+    opened = replace(bare, methods=(Method("baked", "neural", "gaussian", "gltf", None, tmp_path),), figures=())
+    text = write_report(opened, None, tmp_path / "b")[0].read_text(encoding="utf-8")
+    assert f"opened from {tmp_path}" in text and "Nothing is known about the source" in text
 
 
 # ---- names
@@ -176,9 +175,8 @@ def test_kept_renders_come_along(tmp_path: Path) -> None:
 NASTY = "<mark-x onclick=\"alert('1')\">&amp; $body ${style} \\u003c</script></style>]]>"
 
 
-def test_names_cannot_break_the_page(tmp_path: Path) -> None:
+def test_names_cannot_break_the_page(tmp_path: Path, report: Any) -> None:
     names = (f"neural {NASTY}", "linear (box)", f"lean {NASTY}")
-    plain_page = Page(write_report(made_up(FEW, 16), {}, None, tmp_path / "plain")[0].read_text(encoding="utf-8"))
     made = made_up(names, 16)
     rendered = [replace(each, scene=replace(each.scene, title=NASTY, lighting=NASTY)) for each in made.rendered]
     source: dict[str, Any] = {
@@ -200,26 +198,21 @@ def test_names_cannot_break_the_page(tmp_path: Path) -> None:
         settings={NASTY: NASTY},
         seconds={NASTY: 1.0},
     )
-    page = Page(write_report(comparison, {}, None, tmp_path / "nasty")[0].read_text(encoding="utf-8"))
+    page = Page(write_report(comparison, None, tmp_path / "nasty")[0].read_text(encoding="utf-8"))
     assert "mark-x" not in {tag for tag, _ in page.elements}
     assert {name for _, a in page.elements for name in a if name.startswith("on")} == set()
-    assert {tag for tag, _ in page.elements} <= {tag for tag, _ in plain_page.elements} | {"aside"}
+    assert {tag for tag, _ in page.elements} <= {tag for tag, _ in report[2].elements} | {"aside"}
     text = "".join(page.text)
     assert text.count(NASTY) > 20
-    options = page.all("option", value=names[0])
-    assert len(options) == 2
+    assert len(page.all("option", value=names[0])) == 2
 
 
-def test_names_that_make_the_same_file_name_keep_their_files(tmp_path: Path) -> None:
-    comparison = made_up(("linear (box)", "linear box", "LINEAR-BOX"), 16)
-    files = write_report(comparison, {}, None, tmp_path / "r")
+def test_names_that_make_the_same_file_name_or_are_no_utf_8(tmp_path: Path) -> None:
+    ignored = {"ignored": [{"path": "a\udcff.png", "reason": "no map"}]}
+    comparison = made_up(("linear (box)", "linear box", "LINEAR-BOX"), 16, source=ignored)
+    files = write_report(comparison, None, tmp_path / "r")
     near = sorted(f.name for f in files if f.name.startswith("sphere-near--linear-box"))
     assert len(near) == 6 and len({(tmp_path / "r" / "images" / name).read_bytes() for name in near}) == 6
-
-
-def test_names_that_are_no_utf_8(tmp_path: Path) -> None:
-    comparison = made_up(FEW[:2], 16, source={"ignored": [{"path": "a\udcff.png", "reason": "no map"}]})
-    files = write_report(comparison, {}, None, tmp_path / "r")
     assert json.loads(files[1].read_text(encoding="utf-8"))["source"]["ignored"][0]["path"] == "a\udcff.png"
     assert "no map" in files[0].read_text(encoding="utf-8")
 
@@ -228,49 +221,35 @@ def test_markup_is_escaped_by_construction() -> None:
     made = element("p", "a < b", Html("<b>c</b>"), [1, None, ["&"]], title='"x"', hidden=True, id=None, class_="k")
     assert made == '<p title="&quot;x&quot;" hidden class="k">a &lt; b<b>c</b>1&amp;</p>'
     assert element("img", alt="") == '<img alt="">' and element("line", x1=0) == '<line x1="0"/>'
-    assert joined(["a", "<"], " & ") == "a &amp; &lt;"
+    assert joined(["a", "<"]) == "a&lt;"
     assert [listed(words) for words in ((), ("a",), ("a", "b"), ("a", "b", "c"))] == ["", "a", "a and b", "a, b and c"]
 
 
 # ---- stacks
 
 
-@pytest.mark.parametrize(("height", "width"), [(64, 64), (64, 16), (16, 64), (48, 40)])
-def test_a_cropped_stack_is_the_window_of_every_level(height: int, width: int) -> None:
-    stack = stack_of(material("gltf", height, width), "gltf")
-    small = cropped(stack, 32)
-    assert [level.shape[:2] for level in small.levels] == level_sizes(min(height, 32), min(width, 32))
-    for level, whole in zip(small.levels, stack.levels, strict=False):
-        np.testing.assert_array_equal(level, whole[: level.shape[0], : level.shape[1]])
-
-
-def test_the_window_fits_into_the_page() -> None:
-    stack = stack_of(material("gltf", 4, 4), "gltf")
-    source = Source(stack.levels[0], "gltf")
-    assert window_side([stack], None) == window_side([stack] * 3, source) == WINDOW.side
-    other = stack_of(material("ggx", 4, 4), "ggx")
-    assert window_side([other] * 3, source) == 512
-
-
-def test_the_view_holds_three_stacks_and_says_what_is_left_out() -> None:
-    comparison = made_up(NAMES, 16)
-    stacks, source = made_up_stacks(comparison, (32, 64))
-    assert view_names(comparison, stacks) == ["neural", "unreal (gaussian)", "linear (box)"]
-    live, note = view(comparison, stacks, source)
+def test_the_view_holds_three_stacks_and_says_what_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    comparison, source = with_stacks(made_up(NAMES, 16), (32, 64))
+    live, text = view(comparison, source)
     assert [s["name"] for s in scene_of(live)["stacks"]] == ["neural", "unreal (gaussian)", "linear (box)"]
-    assert scene_of(live)["source"]["sizes"] == [[32, 64]] and note == ""
-    live, note = view(comparison, stacks, source, Window(side=16))
-    assert scene_of(live)["stacks"][0]["sizes"][0] == scene_of(live)["source"]["sizes"][0] == [16, 16]
-    assert "16 \N{MULTIPLICATION SIGN} 16 of the set's 64 \N{MULTIPLICATION SIGN} 32 texels" in note
-    assert view(comparison, {}, source) == ("", "")
+    assert scene_of(live)["source"]["sizes"] == [[32, 64]] and text == ""
+    assert view(replace(comparison, stacks={}), source) == ("", "")
+    for name, value in (("WINDOW_SIDE", 16), ("WINDOW_BYTES", 16 * 32 * (3 * 8 * 4 // 3 + 8))):
+        monkeypatch.undo()
+        monkeypatch.setattr(texels, name, value)
+        live, text = view(comparison, source)
+        sizes = scene_of(live)["stacks"][0]["sizes"]
+        assert sizes[0] == scene_of(live)["source"]["sizes"][0] == [16, 16]
+        assert "16 \N{MULTIPLICATION SIGN} 16 of the set's 64 \N{MULTIPLICATION SIGN} 32 texels" in text
+        assert [tuple(size) for size in sizes] == level_sizes(16, 16)
 
 
 @pytest.mark.parametrize("model", MODELS)
 def test_every_map_is_shown_level_by_level(tmp_path: Path, model: str) -> None:
-    comparison = made_up(("neural", "linear (box)"), 16, model=model)
     chain = [np.full((*size, 1), 0.5, np.float32) for size in level_sizes(4, 4)]
     stack = replace(stack_of(material(model, 8, 256), model), extra={"occlusion": chain})
-    files = write_report(comparison, {"neural": stack, "linear (box)": stack}, None, tmp_path / "r")
+    stacks = {"neural": stack, "linear (box)": stack}
+    files = write_report(made_up(tuple(stacks), 16, model=model, stacks=stacks, rendered=()), None, tmp_path / "r")
     maps = [f for f in files if f.name.startswith("map--")]
     shading = len(stack.maps()) - 1
     assert len(maps) == 2 * shading * 6 + 3  # the map that does not shade is the same in both: once, of three levels

@@ -22,7 +22,7 @@ from .gltf_files import png
 from .gltf_results import two_textures
 from .input_files import pixels_for, plain_set, write_image, write_set
 
-QUICK = ("--points", "4", "--samples", "1", "--lods", "0")
+pytestmark = pytest.mark.usefixtures("quick_validation")
 
 
 def run(capsys, *arguments: object) -> dict:
@@ -155,7 +155,7 @@ def test_every_command_takes(kind: str, tmp_path: Path, capsys) -> None:
     assert [result["name"] for result in results] == names
     assert next(mipbake.load_all(source)).width == results[0]["width"]
     run(capsys, "bake", source, "-o", tmp_path / "out", "--method", "linear", "--format", "exr", "--max-level", "2")
-    measured = run(capsys, "validate", source, tmp_path / "out", *QUICK)["results"]
+    measured = run(capsys, "validate", source, tmp_path / "out")["results"]
     stacks = [Path(result["stack"]) for result in measured]
     wanted = [f"stack.{tile}.json" for tile in (1001, 1002)] if kind == "tiles" else names
     assert [stack.name for stack in stacks] == wanted
@@ -167,7 +167,7 @@ def test_a_stack_of_several_sets_that_is_not_there_is_told(tmp_path: Path, capsy
     for name in ("a", "b"):
         plain_set(tmp_path / name)
     (tmp_path / "out").mkdir()
-    assert main(["validate", str(tmp_path / "a"), str(tmp_path / "b"), str(tmp_path / "out"), *QUICK, "-q"]) == 3
+    assert main(["validate", str(tmp_path / "a"), str(tmp_path / "b"), str(tmp_path / "out"), "-q"]) == 3
     assert "holds no stack of b: expected " in capsys.readouterr().err
 
 
@@ -185,7 +185,7 @@ def test_lists_come_from_stdin(tmp_path: Path, capsys, monkeypatch) -> None:
 def test_compare_writes_a_report_for_each(tmp_path: Path, capsys) -> None:
     for name in ("a", "b"):
         plain_set(tmp_path / name, normal_gl=np.full((8, 8, 3), (128, 128, 255), np.uint8))
-    given = ("--methods", "linear", "--points", "4", "--samples", "1", "--passes", "32", "--size", "16", "--no-cache")
+    given = ("--methods", "linear", "--size", "16", "--no-cache", "--no-films")
     made = run(capsys, "compare", tmp_path / "a", tmp_path / "b", "-o", tmp_path / "report", *given)["results"]
     assert [Path(each["out"]) for each in made] == [tmp_path / "report" / name for name in ("a", "b")]
     assert all((Path(each["out"]) / "index.html").is_file() for each in made)

@@ -14,7 +14,6 @@ from mipbake.quality.metrics import pair_set, snr_db
 from mipbake.quality.reference.estimate import reference
 from mipbake.quality.reference.pair_sets import weighted_pair_set
 from mipbake.quality.reference.sequences import random_points
-from mipbake.quality.round_lookups import candidate
 
 
 def flat(height: int, width: int, base: np.ndarray | float = 0.5, roughness: float = 0.4) -> TextureSet:
@@ -29,13 +28,8 @@ def flat(height: int, width: int, base: np.ndarray | float = 0.5, roughness: flo
 def bumpy(size: int = 64) -> TextureSet:
     rng = np.random.default_rng(2)
     normal = np.concatenate([0.25 * rng.standard_normal((size, size, 2)), np.ones((size, size, 1))], -1)
-    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
     return TextureSet.from_arrays(
-        "bumpy",
-        base_color=rng.random((size, size, 3)).astype("f4"),
-        normal=normal.astype("f4"),
-        roughness=np.full((size, size), 0.35, "f4"),
-        metallic=(rng.random((size, size)) < 0.5).astype("f4"),
+        "bumpy", base_color=rng.random((size, size, 3)), normal=normal, roughness=np.full((size, size), 0.35)
     )
 
 
@@ -45,15 +39,6 @@ def test_a_constant_material_has_no_error(pixel_filter: str) -> None:
     stack = mipbake.bake(texture_set, method="linear", pixel_filter=pixel_filter)
     result = mipbake.validate(texture_set, stack, points=64, samples=64)
     assert min(row.snr for row in result.rows) > 60
-
-
-@pytest.mark.long
-def test_doubling_the_samples_changes_nothing() -> None:
-    texture_set = bumpy()
-    stack = mipbake.bake(texture_set, method="lean")
-    once, twice = (mipbake.validate(texture_set, stack, points=2048, samples=n) for n in (64, 128))
-    difference = [abs(a.snr - b.snr) for a, b in zip(once.rows, twice.rows, strict=True)]
-    assert max(difference) < 0.1
 
 
 def test_a_checker_of_two_texels_matches_the_computation_on_paper() -> None:
@@ -82,7 +67,7 @@ def test_a_checker_of_two_texels_matches_the_computation_on_paper() -> None:
         assert result.snr(BAKED, name, 1.0) > 55
 
 
-@pytest.mark.parametrize("pixel_filter", ["gaussian", "box", "tent", "mitchell", "blackman-harris"])
+@pytest.mark.parametrize("pixel_filter", ["gaussian", "box", "mitchell"])
 def test_the_reference_is_the_filter_integral_by_quadrature(pixel_filter: str) -> None:
     """Against a dense grid over the filter's support at a few pixels, and unbiased: the mean of estimates converges."""
     from mipbake import sampling, shading
@@ -107,33 +92,14 @@ def test_the_reference_is_the_filter_integral_by_quadrature(pixel_filter: str) -
     assert snr_db(measured, exact, exact) > 45
 
 
-def test_the_candidate_is_one_trilinear_lookup() -> None:
-    texture_set = bumpy(8)
-    stack = mipbake.bake(texture_set, method="linear", pixel_filter="box")
-    pairs = pair_set("hemisphere", 0, 4)
-    centres = np.array([[0.25, 0.25], [0.75, 0.25]])
-    from mipbake import shading
-
-    shaded = candidate(stack.levels, "gltf", ("wrap", "wrap"), centres, 2.0, pairs)
-    assert shaded == pytest.approx(shading.shade("gltf", stack.levels[2][0], pairs.light, pairs.view), rel=1e-5)
-
-
-def test_levels_beyond_the_last_are_measured_there_and_said() -> None:
+def test_levels_beyond_the_last_are_measured_there_and_said_and_so_are_foreign_stacks() -> None:
     texture_set = bumpy(16)
     stack = mipbake.bake(texture_set, method="linear")
     result = mipbake.validate(texture_set, stack, lods=(0, 7), points=32, samples=16)
     assert result.lods == (0.0, 4.0)
     assert any("lod 4" in note for note in result.notes)
-
-
-def test_a_stack_of_another_set_is_said() -> None:
     stack = mipbake.bake(flat(16, 16), method="linear")
-    result = mipbake.validate(bumpy(16), stack, points=32, samples=16)
+    result = mipbake.validate(texture_set, stack, points=32, samples=16)
     assert any("hashes differ" in note for note in result.notes)
-
-
-def test_wrong_lods_are_refused() -> None:
-    texture_set = flat(4, 4)
-    stack = mipbake.bake(texture_set, method="linear")
     with pytest.raises(UsageError, match="lods"):
         mipbake.validate(texture_set, stack, lods=(-1,))

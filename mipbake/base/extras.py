@@ -13,7 +13,6 @@ EXTRAS: Mapping[str, Mapping[str, str]] = {
     "compare": {
         "colour": "colour-science",
         "flip_evaluator": "flip-evaluator",
-        "OpenEXR": "OpenEXR",
         "scipy": "scipy",
         "skimage": "scikit-image",
     },

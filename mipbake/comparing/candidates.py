@@ -21,7 +21,6 @@ from mipbake.material.aim import checked_aim
 from mipbake.material.pixel_filter import FILTERS, level_sizes
 from mipbake.quality.figures import Candidate, Method
 from mipbake.source.texture_set import TextureSet
-from mipbake.stack.map_files import Levels
 from mipbake.stack.stack import MipStack
 
 ORIGIN_KERNEL = "box"
@@ -31,9 +30,6 @@ MEMORY_LIMIT = 1 << 30
 """Bytes of levels that stay in memory; where all levels together need more, they are kept in files."""
 
 _LEAST_FILE = 1 << 20  # bytes; smaller levels stay in memory
-
-PhaseProgress = Callable[[str, float], None]
-"""Is told the name of the phase and its finished share, from 0 to 1."""
 
 
 def closed_forms(pixel_filter: str) -> tuple[tuple[str, str], ...]:
@@ -48,7 +44,7 @@ def label(method: str, kernel: str) -> str:
 
 
 def chosen(names: Sequence[str], pixel_filter: str) -> dict[str, tuple[str, str]]:
-    """Label to method and kernel of what was asked for, in that order, each once.
+    """Label to method and kernel of what is named, in that order, each once.
 
     Args:
         names: methods (`lean`), which stand for all of their forms, or labels: of a closed form with any kernel of
@@ -101,7 +97,7 @@ def bake_all(
     texture_set: TextureSet,
     recipe: Recipe,
     names: Sequence[str],
-    progress: PhaseProgress = lambda _phase, _share: None,
+    progress: Callable[[str, float], None] = lambda _phase, _share: None,
     memory_limit: int = MEMORY_LIMIT,
     folder: Path | None = None,
 ) -> Iterator[list[Candidate]]:
@@ -114,7 +110,7 @@ def bake_all(
         texture_set: the source.
         recipe: what the stacks are for. Each method takes of it what it can.
         names: labels or methods, as in `chosen`.
-        progress: told "bake" and the finished share.
+        progress: called with "bake" and the finished share.
         memory_limit: in bytes.
         folder: where the temporary files go; None for the system's folder of such.
 
@@ -128,7 +124,7 @@ def bake_all(
     stored = texture_set.material(source)
     texels = sum(height * width for height, width in level_sizes(*stored.shape[:2]))
     needed = len(wanted) * texels * model_named(model).channels * np.dtype(np.float32).itemsize
-    with _files(folder) if needed > memory_limit else nullcontext(_as_they_are) as keep:
+    with temporary_folder(folder) if needed > memory_limit else nullcontext() as place:
         candidates = []
         for index, (name, (method, kernel)) in enumerate(wanted.items()):
 
@@ -141,10 +137,30 @@ def bake_all(
             result = prefilter(stored, source, model, kernel, texture_set.wrap, tell)
             seconds = time.perf_counter() - start
             made = Method(name, method, kernel, model, seconds, sampler=result.sampler, aim=result.aim)
-            candidates.append(Candidate(made, keep(result.levels)))
+            levels = [_mapped(level, place) for level in result.levels] if place else result.levels
+            candidates.append(Candidate(made, levels))
             del result
         progress("bake", 1.0)
         yield candidates
+
+
+def _mapped(level: NDArray[np.float32], folder: Path) -> NDArray[np.float32]:
+    """A level as it lies in a file, mapped into memory; small levels stay as they are."""
+    if level.nbytes < _LEAST_FILE:
+        return level
+    path = folder / f"{len(list(folder.iterdir()))}.npy"
+    level = np.ascontiguousarray(level)
+    try:
+        with path.open("wb") as file:  # np.save does not say why it could not write
+            np.lib.format.write_array_header_1_0(file, np.lib.format.header_data_from_array_1_0(level))
+            file.write(level.data)
+        mapped: NDArray[np.float32] = np.load(path, mmap_mode="r")
+    except OSError as error:
+        raise OutputError(
+            f"{path}: {level.nbytes >> 20} MiB of temporary levels cannot be written ({reason(error)}); "
+            "or set TMPDIR to a folder on a larger disk, or compare fewer methods"
+        ) from error
+    return mapped
 
 
 def check_options(methods: Iterable[str], recipe: Recipe) -> None:
@@ -159,37 +175,6 @@ def check_options(methods: Iterable[str], recipe: Recipe) -> None:
             raise UsageError(
                 f"no method that is baked takes {what}: leave it out, or name one of {', '.join(OPTIONS[option])}"
             )
-
-
-def _as_they_are(levels: Levels) -> Levels:
-    return levels
-
-
-@contextmanager
-def _files(folder: Path | None) -> Iterator[Callable[[Levels], Levels]]:
-    """A function that moves levels into files and gives them back mapped into memory, for as long as the context."""
-    with temporary_folder(folder) as place:
-
-        def keep(levels: Levels) -> Levels:
-            return [_mapped(level, place) if level.nbytes >= _LEAST_FILE else level for level in levels]
-
-        yield keep
-
-
-def _mapped(level: NDArray[np.float32], folder: Path) -> NDArray[np.float32]:
-    path = folder / f"{len(list(folder.iterdir()))}.npy"
-    level = np.ascontiguousarray(level)
-    try:
-        with path.open("wb") as file:  # np.save does not say why it could not write
-            np.lib.format.write_array_header_1_0(file, np.lib.format.header_data_from_array_1_0(level))
-            file.write(level.data)
-        mapped: NDArray[np.float32] = np.load(path, mmap_mode="r")
-    except OSError as error:
-        raise OutputError(
-            f"{path}: {level.nbytes >> 20} MiB of temporary levels cannot be written ({reason(error)}); "
-            "or set TMPDIR to a folder on a larger disk, or compare fewer methods"
-        ) from error
-    return mapped
 
 
 def mismatch(stack: MipStack, texture_set: TextureSet) -> str | None:

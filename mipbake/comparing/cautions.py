@@ -6,9 +6,8 @@ import math
 import shlex
 from collections.abc import Sequence
 
-from mipbake.comparing.film_figures import missing_judge
 from mipbake.comparing.filming import RESOLVED_SHARE
-from mipbake.comparing.result import Filmed, FilmedScene, Scene
+from mipbake.comparing.result import FilmedScene, Scene
 from mipbake.material import losses, model_named
 from mipbake.quality.figures import Method
 from mipbake.quality.samplers import RenderSampler, baked_for
@@ -56,20 +55,10 @@ def made_for_others(methods: Sequence[Method], sampler: RenderSampler) -> tuple[
     )
 
 
-def unjudged(films: Sequence[Filmed]) -> tuple[str, ...]:
-    """What must be typed so that films have a JOD, where they have none."""
-    missing = missing_judge() if films else ""
-    return (f"{missing}.",) if missing else ()
-
-
 def not_converged(scenes: Sequence[Scene], films: Sequence[FilmedScene]) -> tuple[str, ...]:
     """A sentence about all references of pictures that did not converge, and one about the references of films."""
-    pictures = [
-        _said(each.name, each.standard_error, each.candidate_error, each.passes)
-        for each in scenes
-        if not each.converged
-    ]
-    moving = [_said(each.name, each.noise, each.candidate_error, each.passes) for each in films if not each.converged]
+    pictures = [_noisy(each, each.standard_error) for each in scenes if not each.converged]
+    moving = [_noisy(each, each.noise) for each in films if not each.converged]
     sentences = []
     if pictures:
         sentences.append(
@@ -86,7 +75,7 @@ def not_converged(scenes: Sequence[Scene], films: Sequence[FilmedScene]) -> tupl
     return tuple(sentences)
 
 
-def _said(name: str, noise: float, error: float, passes: int) -> str:
-    share = noise / error if error else math.inf
+def _noisy(scene: Scene | FilmedScene, noise: float) -> str:
+    share = noise / scene.candidate_error if scene.candidate_error else math.inf
     left = f"{share:.0%} of the error" if share < 1 else "all of the error or more"
-    return f"{name} ({left} after {passes} samples per pixel)"
+    return f"{scene.name} ({left} after {scene.passes} samples per pixel)"

@@ -22,7 +22,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from mipbake.base.errors import UsageError
-from mipbake.comparing.ranking import closed_forms
 from mipbake.comparing.result import Comparison
 from mipbake.quality.figures import Figure
 from mipbake.quality.metrics import MEASURES, PAIR_SETS
@@ -104,11 +103,10 @@ class Condition:
         figure = self._figure(found, method, picked)
         less = None if self.other is None else self._figure(found, self.other, picked)
         value = figure.value - (less.value if less else 0.0)
-        said = _described(figure, less, value)
-        if math.isnan(value):
-            return Outcome(self.text, True, value, f"{self.text!r} cannot be decided, which counts as failed: {said}")
-        failed = _OPERATORS[self.comparison](value, self.number)
-        return Outcome(self.text, failed, value, f"{self.text!r} {'holds' if failed else 'does not hold'}: {said}")
+        failed = math.isnan(value) or _OPERATORS[self.comparison](value, self.number)
+        verb = "cannot be decided, which counts as failed" if math.isnan(value) else "holds"
+        sentence = f"{self.text!r} {verb if failed else 'does not hold'}: {_described(figure, less, value)}"
+        return Outcome(self.text, failed, value, sentence)
 
     def _with_key(
         self, key: str, value: str, figures: list[Figure], before: Sequence[tuple[str, str]]
@@ -126,7 +124,7 @@ class Condition:
 
     def _figure(self, found: Comparison, method: str, words: list[tuple[str, str]]) -> Figure:
         if method == BEST:
-            rivals = [self._figure(found, name, words) for name in closed_forms(found)]
+            rivals = [self._figure(found, name, words) for name in found.closed_forms]
             if not rivals:
                 raise _wrong(self.text, f"no closed form is compared with the subject, expected one for {BEST!r}")
             return min(rivals, key=lambda figure: MEASURES[figure.measure].loss(figure.value))
@@ -137,9 +135,8 @@ class Condition:
             kept = [each for each in left if _value(each, key) == value]
             if not kept:
                 there = ", ".join(_values(left, key)) or "nothing"
-                raise _wrong(
-                    self.text, f"{' '.join(taken)} was not measured for {key} {value!r}, but for {there}".strip()
-                )
+                said = f"{' '.join(taken)} was not measured for {key} {value!r}, but for {there}"
+                raise _wrong(self.text, said.strip())
             left, taken = kept, [*taken, value]
         for key in _KEYS if len(left) > 1 else ():
             if len(_values(left, key)) > 1:
@@ -204,14 +201,13 @@ def _described(figure: Figure, less: Figure | None, value: float) -> str:
     place = f", {figure.scale}" if figure.scale else f", lod {figure.lod:g}" if figure.view in PAIR_SETS else ""
 
     def said(each: Figure) -> str:
-        unit = f" {measure.unit}" if measure.unit else ""
         interval = "" if math.isnan(each.low) else f" (95 % interval {each.low:.4g} to {each.high:.4g})"
-        return f"{each.value:.6g}{unit}{interval}"
+        return f"{each.value:.6g} {measure.unit}".strip() + interval
 
     text = f"{measure.title} of {figure.method} ({figure.view}{place}) is {said(figure)}"
-    if less is not None:
-        text += f", and {less.method} has {said(less)}: the difference is {value:.6g}"
-    return text
+    if less is None:
+        return text
+    return f"{text}, and {less.method} has {said(less)}: the difference is {value:.6g}"
 
 
 def _wrong(text: str, what: str) -> UsageError:

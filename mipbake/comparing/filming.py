@@ -2,28 +2,42 @@
 
 A film's reference takes more samples until the noise of what is displayed is small beside the error of the closest
 candidate. Figures that take its halves apart see none of that noise.
+
+All measures are taken over the interior, as the measures of renders are (`mipbake.comparing.pictures`). Measures that
+look at whole pictures see the reference itself outside of it, even in the candidate.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.comparing.film_figures import ShownReference, film_figures
-from mipbake.comparing.films import FRAMES_PER_SECOND, RESOLUTION, FilmScene, Motion, mesh_films, standard_films
-from mipbake.comparing.meshes.film import FilmSampling, Frames, film_candidate
-from mipbake.comparing.meshes.mesh import Mesh
-from mipbake.comparing.meshes.mesh_render import Cache
+from mipbake.base.errors import UsageError
+from mipbake.comparing.films import FRAMES_PER_SECOND, Film
+from mipbake.comparing.meshes.mesh_render import film_candidate
+from mipbake.comparing.meshes.supersampling import Supersampling
 from mipbake.comparing.pictures import RenderSettings
 from mipbake.comparing.result import Filmed, FilmedScene
 from mipbake.comparing.scenes import median_lod
 from mipbake.material.filtered_source import FilteredSource
-from mipbake.quality.environment import Lighting
 from mipbake.quality.figures import Candidate, Figure
+from mipbake.quality.metrics import (
+    MEASURES,
+    PIXELS_PER_DEGREE_OF_FILMS,
+    check_color_video_vdp,
+    color_video_vdp,
+    displayed,
+    false_sparkle,
+    film_exposure,
+    flicker_ratio,
+    flicker_snr_db,
+    ldr_flip,
+    snr_db,
+)
 
 MOST_PASSES = 256
 """Most samples for each pixel of a film's reference: a film has as many pixels as ten pictures."""
@@ -40,60 +54,64 @@ LEAST_PASSES = 96
 
 _LEAST_STEP = 1.25  # times as many samples as before
 
-
-@dataclass(frozen=True)
-class FilmSettings:
-    """How films are made.
-
-    Args:
-        renders: how frames are rendered, as pictures are.
-        motion: what moves.
-    """
-
-    renders: RenderSettings
-    motion: Motion = "camera"
+Frames = NDArray[np.float32]
+"""(T, H, W, 3), rows from the top."""
 
 
-def film_view(scene: str) -> str:
-    """What figures of a film have as their view: `film-floor` for the scene `floor`."""
-    return f"film-{scene}"
-
-
-def films_of(
-    size: tuple[int, int], lighting: Lighting, last_level: int, mesh: Mesh | None, motion: Motion, side: int
-) -> tuple[FilmScene, ...]:
-    """The films of a texture of `size` (height, width), at most `side` pixels high: films of the mesh, if there is one.
-
-    Raises:
-        InputError: a mesh that cannot be seen.
-    """
-    height = min(RESOLUTION[0], side)
-    resolution = height, height * RESOLUTION[1] // RESOLUTION[0]
-    if mesh:
-        return mesh_films(mesh, size, lighting, motion, resolution=resolution)
-    return standard_films(size, lighting, last_level, motion, resolution=resolution)
-
-
-@dataclass(frozen=True, eq=False)
-class Take:
-    """A film of every candidate and of the reference, not yet measured.
+class FilmReference:
+    """A reference film, rendered and as it is displayed: sRGB-encoded x / (1 + x) of the radiance times one exposure.
 
     Args:
-        scene: what they show.
-        frames: method name to the candidate's frames.
-        shown: the reference.
+        linear: its two independent halves, linear radiance, black where nothing is.
+        interior: (T, H, W) bool, where every sample saw the mesh: where measures look.
+
+    Attributes:
+        exposure: of all frames and candidates (`mipbake.quality.metrics.film_exposure`); 1 where nothing is lit.
+        first, second, mean: float32 in [0, 1], the halves and their mean, displayed.
     """
+
+    def __init__(self, linear: tuple[Frames, Frames], interior: NDArray[np.bool_]) -> None:
+        self.linear, self.interior = linear, interior
+        mean = np.asarray((linear[0] + linear[1]) / 2, np.float32)
+        self.exposure = film_exposure(mean, interior) if (mean[interior] > 0).any() else 1.0
+        self.first, self.second, self.mean = (self.displayed(each) for each in (*linear, mean))
+
+    @property
+    def noise(self) -> float:
+        """Estimated root mean square error of `mean` over the interior, displayed values; 0 without interior."""
+        apart = (self.first[self.interior] - self.second[self.interior]).astype(np.float64)
+        return float(np.sqrt(np.mean(np.square(apart)))) / 2 if apart.size else 0.0
+
+    def displayed(self, frames: Frames) -> Frames:
+        """A film of linear radiance as it is displayed, float32 in [0, 1]."""
+        return displayed(frames * np.float32(self.exposure)).astype(np.float32)
+
+    def shown(self, frames: Frames) -> Frames:
+        """The same with the reference outside of the interior: what measures look at."""
+        return np.where(self.interior[..., None], self.displayed(frames), self.mean)
+
+    def error(self, frames: Frames) -> float:
+        """Estimated root mean square error of a candidate over the interior, displayed values.
+
+        The noise of the halves drops out of their product, on average.
+        """
+        p, a, b = (each[self.interior].astype(np.float64) for each in (self.shown(frames), self.first, self.second))
+        return math.sqrt(max(0.0, float(np.mean((p - a) * (p - b))))) if p.size else 0.0
+
+
+class Take(NamedTuple):
+    """A film of every candidate, by method name, and of the reference, not yet measured."""
 
     scene: FilmedScene
     frames: Mapping[str, Frames]
-    shown: ShownReference
+    shown: FilmReference
 
 
 def film(
-    scene: FilmScene,
+    scene: Film,
     source: FilteredSource,
     candidates: Sequence[Candidate],
-    settings: FilmSettings,
+    settings: RenderSettings,
     progress: Callable[[float], None] = lambda _share: None,
 ) -> tuple[Filmed, tuple[Figure, ...]]:
     """Films a scene with every candidate, and measures.
@@ -101,93 +119,118 @@ def film(
     Args:
         source: what the reference filters.
         candidates: of any model, their levels starting at the source's size; different names.
-        progress: told the finished share.
+        settings: as of pictures; films take no more than MOST_PASSES.
+        progress: called with the finished share.
 
     Returns:
         The film, and the figures in the order of candidates and MEASURES.
     """
-    take = taken(scene, source, candidates, settings, lambda share: progress(0.5 * share))
-    found, shown = take.scene, take.shown
+    found, frames, shown = taken(scene, source, candidates, settings, lambda share: progress(0.5 * share))
     figures: list[Figure] = []
-    for index, (name, made) in enumerate(take.frames.items()):
-        for measure, value in film_figures(made, shown).by_measure.items():
+    for index, (name, made) in enumerate(frames.items()):
+        for measure, value in film_figures(made, shown).items():
             figures.append(Figure(name, measure, found.name, "", found.lod, value, math.nan, math.nan))
-        progress(0.5 + 0.5 * (index + 1) / len(take.frames))
-    images = {name: _bytes(shown.displayed(made)) for name, made in take.frames.items()}
+        progress(0.5 + 0.5 * (index + 1) / len(frames))
+    images = {name: _bytes(shown.displayed(made)) for name, made in frames.items()}
     return Filmed(found, _bytes(shown.mean), images), tuple(figures)
 
 
 def taken(
-    scene: FilmScene,
+    scene: Film,
     source: FilteredSource,
     candidates: Sequence[Candidate],
-    settings: FilmSettings,
+    settings: RenderSettings,
     progress: Callable[[float], None] = lambda _share: None,
 ) -> Take:
     """Films a scene with every candidate, and its reference once for all; arguments as `film`."""
-    looks = settings.renders
     frames: dict[str, Frames] = {}
     for index, each in enumerate(candidates):
-        levels, model = each.levels, each.method.model
-        frames[each.method.name] = film_candidate(scene.film, levels, model, source.wrap, looks.sampler, looks.seed)
+        model = each.method.model
+        frames[each.name] = film_candidate(
+            scene.shots, each.levels, model, source.wrap, settings.sampler, settings.seed
+        )
         progress(0.4 * (index + 1) / len(candidates))
-    shown, closest = _reference(scene, source, list(frames.values()), looks, lambda share: progress(0.4 + 0.6 * share))
+    sampling = Supersampling(scene.shots, source, settings.seed, settings.cache)
+
+    def judged() -> tuple[tuple[FilmReference, float, bool], float]:
+        first, second, interior = sampling.halves()
+        shown = FilmReference((first, second), interior)
+        closest = min(shown.error(each) for each in frames.values())
+        wanted = max(RESOLVED_SHARE * closest, UNSEEN)
+        return (shown, closest, shown.noise <= wanted), shown.noise / wanted
+
+    most = min(MOST_PASSES, settings.max_passes)
+    shown, closest, converged = sampling.resolve(
+        min(LEAST_PASSES, most), most, _LEAST_STEP, judged, lambda share: progress(0.4 + 0.6 * share)
+    )
+    first = scene.shots[0]
+    lod = median_lod(first.mesh, first.camera, first.resolution, source.stored.shape[:2])
     found = FilmedScene(
-        name=film_view(scene.name),
+        name=scene.name,
         title=scene.title,
-        motion=settings.motion,
-        sampler=str(looks.sampler),
-        lod=_lod(scene, source, len(candidates[0].levels) - 1),
-        resolution=scene.film.resolution,
-        frames=len(scene.film.cameras),
+        motion=scene.motion,
+        sampler=str(settings.sampler),
+        lod=min(max(lod, 0.0), float(len(candidates[0].levels) - 1)),
+        resolution=first.resolution,
+        frames=len(scene.shots),
         frames_per_second=FRAMES_PER_SECOND,
-        lighting=scene.film.lightings[0].name,
+        lighting=first.lighting.name,
         exposure=shown.exposure,
-        passes=shown.linear.passes,
+        passes=sampling.passes,
         noise=shown.noise,
         candidate_error=closest,
-        converged=shown.noise <= _wanted(closest),
+        converged=converged,
     )
     return Take(found, frames, shown)
 
 
-def _reference(
-    scene: FilmScene,
-    source: FilteredSource,
-    frames: Sequence[Frames],
-    looks: RenderSettings,
-    progress: Callable[[float], None],
-) -> tuple[ShownReference, float]:
-    """The reference, and the error of the closest candidate."""
-    sampling = FilmSampling(scene.film, source, looks.seed, Cache(looks.cache) if looks.cache else None)
-    most = min(MOST_PASSES, looks.max_passes)
-    passes, before = max(min(LEAST_PASSES, most), sampling.passes), 0
-
-    def told(share: float) -> None:
-        progress((before + share * (passes - before)) / max(most, passes))
-
-    while True:
-        sampling.advance(passes, told)
-        shown = ShownReference.of(sampling.reference())
-        closest = min(shown.error(each) for each in frames)
-        if shown.noise <= _wanted(closest) or passes >= most:
-            progress(1.0)
-            return shown, closest
-        # The noise falls at least with the root of the number of samples; what seems needed, but no more than double.
-        # Steps are not too small, lest one of many rough estimates is low by chance.
-        needed = passes * min(2.0, max(_LEAST_STEP, (shown.noise / _wanted(closest)) ** 2))
-        before, passes = passes, min(2 * math.ceil(needed / 2), most)
-
-
-def _wanted(error: float) -> float:
-    return max(RESOLVED_SHARE * error, UNSEEN)
-
-
-def _lod(scene: FilmScene, source: FilteredSource, last: int) -> float:
-    shot = scene.film.shots[0]
-    lod = median_lod(shot.mesh, shot.camera, shot.resolution, source.stored.shape[:2])
-    return min(max(lod, 0.0), float(last))
-
-
 def _bytes(shown: Frames) -> NDArray[np.uint8]:
     return np.rint(255 * shown).astype(np.uint8)
+
+
+def missing_judge() -> str:
+    """ "" where ColorVideoVDP can judge films; else a sentence that says what is missing, and what to type."""
+    try:
+        check_color_video_vdp()
+    except UsageError as error:
+        return str(error)
+    return ""
+
+
+def film_measures() -> tuple[str, ...]:
+    """Names of the measures that `film_figures` gives here, in the order of MEASURES."""
+    judged = () if missing_judge() else tuple(f"jod-{ppd}" for ppd in PIXELS_PER_DEGREE_OF_FILMS)
+    names = {"snr", "flip", "sparkle", "flicker", "flicker-snr", *judged}
+    return tuple(name for name in MEASURES if name in names)
+
+
+def film_figures(
+    frames: Frames, shown: FilmReference, pixels_per_degree: Sequence[int] = PIXELS_PER_DEGREE_OF_FILMS
+) -> dict[str, float]:
+    """Measures a candidate's film: name in MEASURES to the figure; nan where no pixel lies wholly on the mesh.
+
+    SNR and both figures of change take the reference's halves apart, so that its noise biases none of them; the other
+    measures take their mean. SNR is of linear light, the others are of what is displayed. Change is from frame to
+    frame, of pixels that are inside in all frames.
+
+    Args:
+        frames: (T, H, W, 3) linear radiance, T at least 2.
+        pixels_per_degree: of visual angle, at which ColorVideoVDP judges where it is installed; empty for no judgement.
+    """
+    judged = () if missing_judge() else pixels_per_degree
+    inside = shown.interior
+    if not inside.any():
+        figures = dict.fromkeys(("snr", "flip", "sparkle", "flicker", "flicker-snr"), math.nan)
+        return figures | {f"jod-{ppd}": math.nan for ppd in judged}
+    film = shown.shown(frames)
+    flip = np.stack([ldr_flip(p, r).per_pixel for p, r in zip(film, shown.mean, strict=True)])
+    both = inside.all(0)
+    moving = [each[:, both] for each in (film, shown.first, shown.second)]
+    return {
+        "snr": snr_db(frames[inside], shown.linear[0][inside], shown.linear[1][inside]),
+        "flip": float(flip[inside].mean(dtype=np.float64)),
+        "sparkle": false_sparkle(film, shown.mean).mean_over(inside),
+        "flicker": flicker_ratio(*moving) if both.any() else math.nan,
+        "flicker-snr": flicker_snr_db(*moving) if both.any() else math.nan,
+        **{f"jod-{ppd}": color_video_vdp(film, shown.mean, ppd, FRAMES_PER_SECOND) for ppd in judged},
+    }

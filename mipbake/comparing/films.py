@@ -5,17 +5,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import NDArray
 
 from mipbake.base.errors import UsageError
 from mipbake.comparing.meshes import shapes
 from mipbake.comparing.meshes.camera import Camera, Vector
-from mipbake.comparing.meshes.film import Film
 from mipbake.comparing.meshes.mesh import Mesh
-from mipbake.comparing.meshes.mesh_render import Shot
+from mipbake.comparing.meshes.visible import Shot
 from mipbake.comparing.scenes import exposed, mesh_views, sphere_shot
 from mipbake.quality.environment import Lighting
 
@@ -33,32 +32,24 @@ Motion = Literal["camera", "light"]
 
 MOTIONS: tuple[Motion, ...] = get_args(Motion)
 
+FILM = "film-"
+"""What the names of films begin with."""
+
 _TURN = 0.25  # degrees from frame to frame, of spheres, of meshes and of lights
 _SPHERE_LOD = 1.0  # median level of detail of the sphere
 _HORIZON = 1000  # times the height of the eye, where the ground ends: a quarter of a pixel below the horizon
 
 
-@dataclass(frozen=True)
-class _Ground:
-    """A film of the ground, which a camera goes over.
-
-    All of these are guesses at what people look at. Lengths are in the world.
-
-    Args:
-        name, title: of the film.
-        eye: height of the camera. down: degrees by which it looks below the horizon.
-        field: horizontal field of view, degrees.
-        texels: to the unit, in a film as high as RESOLUTION; as many fewer in a lower one, whose pixels are larger.
-        step: of the camera from frame to frame, to the right and ahead.
-    """
+class _Ground(NamedTuple):
+    """A film of the ground, which a camera goes over: guesses at what people look at. Lengths are in the world."""
 
     name: str
     title: str
-    eye: float
-    down: float
-    field: float
-    texels: float
-    step: tuple[float, float]
+    eye: float  # height of the camera
+    down: float  # degrees by which it looks below the horizon
+    field: float  # horizontal field of view, degrees
+    texels: float  # to the unit, in a film as high as RESOLUTION; as many fewer in a lower one, whose pixels are larger
+    step: tuple[float, float]  # of the camera from frame to frame, to the right and ahead
 
 
 _GROUNDS = (
@@ -78,47 +69,48 @@ def motion_named(name: str) -> Motion:
 
 
 @dataclass(frozen=True, eq=False)
-class FilmScene:
-    """A film with its names.
+class Film:
+    """What is filmed.
 
     Args:
-        name: key, also of files: `floor`, `low-floor`, `wall`, `sphere` or `mesh`. title: what a reader is shown.
+        name: key, also of files, and the view of its figures: `film-floor`, `film-low-floor`, `film-wall`,
+            `film-sphere` or `film-mesh`.
+        title: what a reader is shown.
+        motion: what moves. The mesh stays where it is: what turns is seen by a camera that goes round it.
+        shots: the frames.
     """
 
     name: str
     title: str
-    film: Film
+    motion: Motion
+    shots: tuple[Shot, ...]
 
 
-def standard_films(
+def films_of(
     size: tuple[int, int],
     lighting: Lighting,
     last_level: int,
+    mesh: Mesh | None = None,
     motion: Motion = "camera",
+    height: int = RESOLUTION[0],
     frames: int = FRAMES,
-    resolution: tuple[int, int] = RESOLUTION,
-) -> tuple[FilmScene, ...]:
-    """Floors, wall and sphere for a texture of `size` (height, width), whose texels stay square on them.
+) -> tuple[Film, ...]:
+    """The films of a texture of `size` (height, width), `height` pixels high: of the mesh, if there is one, turning
+    from where it fills the picture.
 
-    The ground repeats the texture, so that texels are as large for any size. What is above the horizon is black.
+    Texels stay square. The ground repeats the texture, so that texels are as large for any size. What is above the
+    horizon is black.
+
+    Raises:
+        InputError: a mesh that cannot be seen.
     """
+    resolution = height, height * RESOLUTION[1] // RESOLUTION[0]
+    if mesh:
+        shot = mesh_views(mesh, size, lighting, resolution)[0]
+        return (Film(f"{FILM}mesh", f"{mesh.name}, turning", motion, _turning(shot, motion, frames)),)
     grounds = tuple(_ground_film(each, size, lighting, motion, frames, resolution) for each in _GROUNDS)
-    sphere = sphere_shot(size, lighting, min(_SPHERE_LOD, float(last_level)), resolution)
-    return (*grounds, FilmScene("sphere", "Turning sphere", _turning(sphere, motion, frames)))
-
-
-def mesh_films(
-    mesh: Mesh,
-    size: tuple[int, int],
-    lighting: Lighting,
-    motion: Motion = "camera",
-    frames: int = FRAMES,
-    resolution: tuple[int, int] = RESOLUTION,
-) -> tuple[FilmScene, ...]:
-    """A turning mesh of the user's, from where it fills the picture; errors as `scenes.mesh_views`."""
-    shot = mesh_views(mesh, size, lighting, resolution)[0].shot
-    still = Shot(shot.mesh, shot.camera, lighting, resolution)
-    return (FilmScene("mesh", f"{mesh.name}, turning", _turning(still, motion, frames)),)
+    sphere = sphere_shot(size, exposed(lighting), min(_SPHERE_LOD, float(last_level)), resolution)
+    return (*grounds, Film(f"{FILM}sphere", "Turning sphere", motion, _turning(sphere, motion, frames)))
 
 
 def _ground_film(
@@ -128,27 +120,26 @@ def _ground_film(
     motion: Motion,
     frames: int,
     resolution: tuple[int, int],
-) -> FilmScene:
+) -> Film:
     """The film, with the middle of the texture in the middle of the picture: sets that do not repeat fill it."""
     eye, down = ground.eye, math.radians(ground.down)
+    field = 2 * math.atan(math.tan(math.radians(ground.field) / 2) * resolution[0] / resolution[1])
     camera = Camera(
         (0.0, eye, 0.0),
         (0.0, eye - math.sin(down), -math.cos(down)),
-        field_of_view=2
-        * math.degrees(math.atan(math.tan(math.radians(ground.field) / 2) * resolution[0] / resolution[1])),
+        field_of_view=math.degrees(field),
         near=0.01 * eye,
         far=2 * _HORIZON * eye,
     )
     flat = shapes.plane(2 * _HORIZON * eye, 2 * _HORIZON * eye)
-    middle = flat.positions + np.array(
-        [0.0, 0.0, eye / math.tan(down)]
-    )  # from where the picture's middle meets the ground
+    middle = flat.positions + np.array([0.0, 0.0, eye / math.tan(down)])  # from where the view meets the ground
     texels = ground.texels * resolution[0] / RESOLUTION[0]
     uv = 0.5 + middle[:, [0, 2]] * texels / np.array([size[1], size[0]], np.float64)
-    mesh = Mesh(ground.name, flat.positions, flat.normals, uv, flat.tangents, flat.triangles)
+    mesh = replace(flat, name=ground.name, uv=uv)
     right, ahead = ground.step
-    shot = Shot(mesh, camera, _from_ahead(lighting), resolution)
-    return FilmScene(ground.name, ground.title, _moving(shot, (right, 0.0, -ahead), motion, frames))
+    still = Shot(mesh, camera, exposed(_from_ahead(lighting)), resolution)
+    shots = _lit_in_turn(still, frames) if motion == "light" else _moving(still, np.array([right, 0.0, -ahead]), frames)
+    return Film(f"{FILM}{ground.name}", ground.title, motion, shots)
 
 
 def _from_ahead(lighting: Lighting) -> Lighting:
@@ -157,54 +148,49 @@ def _from_ahead(lighting: Lighting) -> Lighting:
     There grounds mirror them: the sun behind the camera is no test of a floor.
     """
     x, _, z = lighting.radiance.sum(-1) @ lighting.direction
-    away = math.degrees(math.atan2(x, -z))
-    return replace(lighting, direction=lighting.direction @ _about_y(away).T)
+    return _turned(lighting, _about_y(math.degrees(math.atan2(x, -z))))
 
 
-def _moving(shot: Shot, step: Vector, motion: Motion, frames: int) -> Film:
-    """A camera that goes on by a step in the world each frame, or one that stays while the lights turn."""
-    if motion == "light":
-        return _lit_in_turn(shot, frames)
+def _moving(shot: Shot, step: NDArray[np.float64], frames: int) -> tuple[Shot, ...]:
+    """A camera that goes on by a step in the world each frame."""
     c = shot.camera
-    cameras = tuple(
-        replace(c, position=_plus(c.position, step, index), looks_at=_plus(c.looks_at, step, index))
+    return tuple(
+        replace(
+            shot,
+            camera=replace(c, position=_vector(c.position + index * step), looks_at=_vector(c.looks_at + index * step)),
+        )
         for index in range(frames)
     )
-    return Film(shot.mesh, cameras, (exposed(shot.lighting),) * frames, shot.resolution)
 
 
-def _turning(shot: Shot, motion: Motion, frames: int) -> Film:
+def _turning(shot: Shot, motion: Motion, frames: int) -> tuple[Shot, ...]:
     """A camera that goes round its target about the vertical, and takes the lights along: what turns is the mesh."""
     if motion == "light":
         return _lit_in_turn(shot, frames)
-    c, lights = shot.camera, exposed(shot.lighting)
-    cameras, lightings = [], []
+    c, shots = shot.camera, []
     for index in range(frames):
         turn = _about_y(_TURN * index)
-        offset = turn @ np.subtract(c.position, c.looks_at)
-        cameras.append(replace(c, position=_plus(c.looks_at, _vector(offset), 1), up=_vector(turn @ np.asarray(c.up))))
-        lightings.append(replace(lights, direction=lights.direction @ turn.T))
-    return Film(shot.mesh, tuple(cameras), tuple(lightings), shot.resolution)
+        position = np.add(c.looks_at, turn @ np.subtract(c.position, c.looks_at))
+        camera = replace(c, position=_vector(position), up=_vector(turn @ np.asarray(c.up)))
+        shots.append(replace(shot, camera=camera, lighting=_turned(shot.lighting, turn)))
+    return tuple(shots)
 
 
-def _lit_in_turn(shot: Shot, frames: int) -> Film:
+def _lit_in_turn(shot: Shot, frames: int) -> tuple[Shot, ...]:
     """A camera that stays where it is, under lights that turn about the vertical."""
-    lights = exposed(shot.lighting)
-    lightings = tuple(
-        replace(lights, direction=lights.direction @ _about_y(_TURN * index).T) for index in range(frames)
-    )
-    return Film(shot.mesh, (shot.camera,) * frames, lightings, shot.resolution)
+    turns = (_about_y(_TURN * index) for index in range(frames))
+    return tuple(replace(shot, lighting=_turned(shot.lighting, turn)) for turn in turns)
 
 
-def _about_y(degrees: float) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+def _turned(lighting: Lighting, turn: NDArray[np.float64]) -> Lighting:
+    return replace(lighting, direction=lighting.direction @ turn.T)
+
+
+def _about_y(degrees: float) -> NDArray[np.float64]:
     c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
 
 
-def _vector(values: ArrayLike) -> Vector:
-    x, y, z = (float(value) for value in np.asarray(values))
+def _vector(values: NDArray[np.float64]) -> Vector:
+    x, y, z = (float(value) for value in values)
     return x, y, z
-
-
-def _plus(point: Vector, step: Vector, times: float) -> Vector:
-    return _vector(np.add(point, np.multiply(step, times)))

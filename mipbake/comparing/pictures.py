@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.comparing.meshes import mesh_render
-from mipbake.comparing.meshes.mesh_render import Cache, Frame, Passes, Reference, Shot
-from mipbake.comparing.result import Image, Rendered, Scene
+from mipbake.comparing.meshes.mesh_render import Frame, Passes, Reference
+from mipbake.comparing.meshes.visible import Shot
+from mipbake.comparing.result import Image, Plot, Rendered, Scene
 from mipbake.comparing.scenes import View, shifted
 from mipbake.material.aim import DEFAULT_SAMPLER
 from mipbake.material.filtered_source import FilteredSource
@@ -39,31 +40,12 @@ SHIFTED_SCALES = ("near", "1:1")
 """Scales whose views are rendered a second time for flicker: coarser levels show no more than texture space does."""
 
 _MARGIN = 16  # pixels kept around the interior: beyond the reach of FLIP's filters and SSIM's window; not tuned
-
-Progress = Callable[[str, float], None]
-"""Is told what is under way, in a few words, and the finished share of it."""
-
-
-@dataclass(frozen=True, eq=False)
-class Change:
-    """How renders of a view change when the picture moves by SHIFT.
-
-    Args:
-        scene: of the view.
-        reference: (H, W, 3) second minus first reference, linear radiance, signed.
-        images: method name to the candidate's change.
-        interior: (H, W) bool, interior of both renders.
-    """
-
-    scene: Scene
-    reference: Image
-    images: Mapping[str, Image]
-    interior: NDArray[np.bool_]
+_BRIGHT = 0.6  # linear value after x / (1 + x) that bright parts of a plot are scaled to
 
 
 @dataclass(frozen=True)
 class RenderSettings:
-    """How views are rendered, the same for all.
+    """How views and films are rendered, the same for all.
 
     Args:
         seed: of the reference's samples.
@@ -79,12 +61,13 @@ class RenderSettings:
 
 
 class RenderedView(NamedTuple):
-    """What `render_view` gives: the images, the figures in the order of candidates and MEASURES, the change, and the
-    renders that all of it is made from: each candidate's, by method name, and the reference."""
+    """What `render_view` gives: the images, the figures in the order of candidates and MEASURES, the change under SHIFT
+    where it was rendered, and the renders that all of it is made from: each candidate's, by method name, and the
+    reference."""
 
     rendered: Rendered
     figures: tuple[Figure, ...]
-    change: Change | None
+    change: Plot | None
     frames: Mapping[str, Frame]
     reference: Reference
 
@@ -94,7 +77,7 @@ def render_view(
     source: FilteredSource,
     candidates: Sequence[Candidate],
     settings: RenderSettings = RenderSettings(),
-    progress: Progress = lambda _what, _share: None,
+    progress: Callable[[float], None] = lambda _share: None,
     flicker: bool | None = None,
 ) -> RenderedView:
     """Renders a view once per pixel for every candidate, and its reference once for all, and measures.
@@ -106,29 +89,20 @@ def render_view(
         source: what the reference filters.
         candidates: of any model, their levels starting at the source's size; different names.
         settings: how the view is rendered.
-        progress: told the phase and its finished share.
+        progress: called with the finished share.
         flicker: whether to render the view a second time, half a pixel on; by default at SHIFTED_SCALES.
 
     Returns:
         No figures but nan where no pixel lies wholly on the mesh.
     """
-
-    told = 0.0
-
-    def tell(share: float) -> None:
-        nonlocal told
-        told = max(told, share)  # a reference may turn out to need more passes than it seemed to
-        progress(view.name, told)
-
     moving = view.scale in SHIFTED_SCALES if flicker is None else flicker
     part = 0.35 if moving else 0.7  # share of the time that a reference takes
-    still = _render(view.shot, source, candidates, settings, 0, lambda share: tell(part * share))
+    still = _render(view, source, candidates, settings, 0, lambda share: progress(part * share))
     moved = None
     if moving:
-        shot = replace(view.shot, camera=shifted(view.camera, SHIFT))
-        moved = _render(shot, source, candidates, settings, 1, lambda share: tell(part * (1 + share)))
-    covered = still.frames[candidates[0].method.name]
-    reference = still.reference
+        shot = replace(view, camera=shifted(view.camera, SHIFT))
+        moved = _render(shot, source, candidates, settings, 1, lambda share: progress(part * (1 + share)))
+    covered, reference = still.frames[candidates[0].name], still.reference
     scene = Scene(
         name=view.name,
         title=view.title,
@@ -144,9 +118,9 @@ def render_view(
     )
     figures: list[Figure] = []
     maps: dict[str, NDArray[np.float32]] = {}
-    pictures = _Pictures(reference)
+    measures = _Measures(reference)
     for index, (name, frame) in enumerate(still.frames.items()):
-        values, maps[name] = pictures.measure(frame)
+        values, maps[name] = measures.of(frame)
         if moved is not None:
             values |= _flicker(still, moved, name)
         figures += [
@@ -154,10 +128,10 @@ def render_view(
             for measure in MEASURES
             if measure in values
         ]
-        tell(0.7 + 0.3 * (index + 1) / len(still.frames))
+        progress(0.7 + 0.3 * (index + 1) / len(still.frames))
     images = {name: frame.image for name, frame in still.frames.items()}
     rendered = Rendered(scene, reference.image, images, reference.interior, maps)
-    change = None if moved is None else _change(scene, still, moved)
+    change = None if moved is None else _half_pixel_shift(scene, still, moved)
     return RenderedView(rendered, tuple(figures), change, still.frames, reference)
 
 
@@ -172,76 +146,62 @@ def _render(
     candidates: Sequence[Candidate],
     settings: RenderSettings,
     frame: int,
-    tell: Callable[[float], None],
+    progress: Callable[[float], None],
 ) -> _Renders:
     """A picture, the frame of that number in a motion: the stochastic sampler draws every frame anew."""
-    frames = {
-        each.method.name: mesh_render.candidate(
-            shot,
-            each.levels,
-            each.method.model,
-            source.wrap,
-            settings.sampler,
-            rng=np.random.default_rng((settings.seed, frame)),
+    frames = {}
+    for each in candidates:
+        rng = np.random.default_rng((settings.seed, frame))
+        frames[each.name] = mesh_render.candidate(
+            shot, each.levels, each.method.model, source.wrap, settings.sampler, rng=rng
         )
-        for each in candidates
-    }
-    most = settings.max_passes
-
-    def share(passes: int, ratio: float) -> None:
-        # Passes still needed, were the error to fall with the root of their number.
-        tell(min(1.0, passes / min(most, passes * max(1.0, ratio**2))))
-
-    cache = Cache(settings.cache) if settings.cache else None
-    reference = mesh_render.reference(
-        shot, source, settings.seed, list(frames.values()), Passes(most=most), share, cache
+    passes = Passes(most=settings.max_passes)
+    images = list(frames.values())
+    return _Renders(
+        frames, mesh_render.reference(shot, source, settings.seed, images, passes, progress, settings.cache)
     )
-    return _Renders(frames, reference)
 
 
-class _Pictures:
-    """A reference as each measure wants it, cut to where its interior is."""
+class _Measures:
+    """Measures against a reference, which is cut to where its interior is."""
 
     def __init__(self, reference: Reference) -> None:
         self._reference = reference
-        self._interior = reference.interior
-        self._empty = not self._interior.any()
-        if self._empty:
+        if not reference.interior.any():
             return
-        self._box = tuple(_reach(np.asarray(self._interior.any(1 - axis))) for axis in (0, 1))
-        self._inside = self._interior[self._box]
+        self._box = tuple(_reach(np.asarray(reference.interior.any(1 - axis))) for axis in (0, 1))
+        self._inside = reference.interior[self._box]
         self._linear = np.maximum(reference.image[self._box], 0)  # signed filters undershoot
         self._display = displayed(self._linear.astype(np.float64))
         lit = self._linear[self._inside]
         self._exposures = hdr_flip_exposures(lit) if lit.any() else None
 
-    def measure(self, frame: Frame) -> tuple[dict[str, float], NDArray[np.float32]]:
-        """Values of all measures of one picture, and the FLIP map of the whole picture, 0 off the
-        interior."""
-        flip = np.zeros(self._interior.shape, np.float32)
-        if self._empty:
-            return {name: math.nan for name, each in MEASURES.items() if each.needs not in ("frames", "film")}, flip
-        inside, reference = self._interior, self._reference
-        linear = np.where(self._inside[..., None], frame.image[self._box], self._linear)
-        display = np.where(self._inside[..., None], displayed(linear.astype(np.float64)), self._display)
+    def of(self, frame: Frame) -> tuple[dict[str, float], NDArray[np.float32]]:
+        """Values of all measures of one picture, and the FLIP map of the whole picture, 0 off the interior."""
+        interior = self._reference.interior
+        flip = np.zeros(interior.shape, np.float32)
+        wanted = {name: each for name, each in MEASURES.items() if each.needs not in ("frames", "film")}
+        if not interior.any():
+            return dict.fromkeys(wanted, math.nan), flip
+        inside, real = self._inside, self._linear
+        linear = np.where(inside[..., None], frame.image[self._box], real)
+        display = np.where(inside[..., None], displayed(linear.astype(np.float64)), self._display)
         values: dict[str, float] = {}
-        for name, measure in MEASURES.items():
+        for name, measure in wanted.items():
             if measure.needs == "estimates":
-                halves = reference.first[inside], reference.second[inside]
-                values[name] = _mean(measure.function(frame.image[inside], *halves), None)
+                halves = self._reference.first[interior], self._reference.second[interior]
+                values[name] = _mean(measure.function(frame.image[interior], *halves), None)
             elif name == "hdr-flip":
                 values[name] = math.nan
                 if self._exposures is not None:
-                    found = measure.function(linear, self._linear, exposures=self._exposures)
-                    values[name] = _mean(found, self._inside)
+                    values[name] = _mean(measure.function(linear, real, exposures=self._exposures), inside)
             elif measure.needs == "linear":  # pixel by pixel
-                found = measure.function(linear[self._inside], self._linear[self._inside])
-                values[name] = _mean(found, None)
-            elif measure.needs == "display":
+                values[name] = _mean(measure.function(linear[inside], real[inside]), None)
+            else:
                 found = measure.function(display, self._display)
-                values[name] = _mean(found, self._inside)
+                values[name] = _mean(found, inside)
                 if name == "flip" and isinstance(found, Measured):
-                    flip[self._box] = np.where(self._inside, found.per_pixel, 0)
+                    flip[self._box] = np.where(inside, found.per_pixel, 0)
         return values, flip
 
 
@@ -259,18 +219,38 @@ def _mean(found: float | Measured, mask: NDArray[np.bool_] | None) -> float:
 
 def _flicker(still: _Renders, moved: _Renders, name: str) -> dict[str, float]:
     inside = still.reference.interior & moved.reference.interior
-    frames = {name: measure for name, measure in MEASURES.items() if measure.needs == "frames"}
+    measures = {name: measure for name, measure in MEASURES.items() if measure.needs == "frames"}
     if not inside.any():
-        return dict.fromkeys(frames, math.nan)
-    p = np.stack([each.frames[name].image[inside] for each in (still, moved)])
-    first = np.stack([each.reference.first[inside] for each in (still, moved)])
-    second = np.stack([each.reference.second[inside] for each in (still, moved)])
-    return {measure: _mean(each.function(p, first, second), None) for measure, each in frames.items()}
+        return dict.fromkeys(measures, math.nan)
+    both = still, moved
+    p = np.stack([each.frames[name].image[inside] for each in both])
+    first, second = (np.stack([getattr(each.reference, half)[inside] for each in both]) for half in ("first", "second"))
+    return {measure: _mean(each.function(p, first, second), None) for measure, each in measures.items()}
 
 
-def _change(scene: Scene, still: _Renders, moved: _Renders) -> Change:
+def _half_pixel_shift(scene: Scene, still: _Renders, moved: _Renders) -> Plot:
+    """How much every pixel changes when the picture moves by SHIFT (figure 6 of Kemppinen et al. 2023): the absolute
+    change, black where there is none, amplified for all images by one factor that the caption tells. A pixel off the
+    interior of either render is black.
+    """
     inside = still.reference.interior & moved.reference.interior
-    images = {
-        name: np.asarray(moved.frames[name].image - frame.image, np.float32) for name, frame in still.frames.items()
-    }
-    return Change(scene, moved.reference.image - still.reference.image, images, inside)
+    expected = np.abs(moved.reference.image - still.reference.image)
+    factor = brightening(expected[inside])
+    caption = (
+        f"Absolute change of linear radiance when the picture moves by half a pixel, times {factor:g} in all images; "
+        "black is no change. Where an image is brighter than the reference, it shimmers; where it is darker, it is "
+        f"blurred. {scene.title}."
+    )
+
+    def shown(change: Image) -> Image:
+        return np.asarray(np.where(inside[..., None], change * factor, 0), np.float32)
+
+    images = {name: shown(np.abs(moved.frames[name].image - frame.image)) for name, frame in still.frames.items()}
+    return Plot("half-pixel-shift", "Change under a shift by half a pixel", caption, shown(expected), images)
+
+
+def brightening(values: NDArray[np.floating]) -> float:
+    """The factor, to two digits, that scales bright (..., 3) values (the 99.5th percentile of their brightest channel)
+    to _BRIGHT of what a display shows."""
+    bright = float(np.percentile(values.max(-1), 99.5)) if values.size else 0.0
+    return float(f"{_BRIGHT / (1 - _BRIGHT) / bright:.2g}") if bright > 0 else 1.0

@@ -1,41 +1,47 @@
-"""Three plots of Kemppinen et al. 2023, "Pixel filter aware MIP maps", for any material: temporal slice (figure 4),
-change under a half-pixel shift (figure 6) and apparent BRDF (figure 8)."""
+"""Two plots of Kemppinen et al. 2023, "Pixel filter aware MIP maps", for any material: temporal slice (figure 4) and
+apparent BRDF (figure 8). The change under a half-pixel shift (figure 6) comes with renders (pictures.py)."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.comparing.pictures import Change, RenderSettings
+from mipbake import sampling, shading
+from mipbake.comparing.meshes.camera import Camera
+from mipbake.comparing.pictures import RenderSettings, brightening
 from mipbake.comparing.result import Image, Plot
 from mipbake.comparing.scenes import exposed
-from mipbake.comparing.turning import Turning
+from mipbake.material.aim import DEFAULT_SAMPLER
 from mipbake.material.filtered_source import FilteredSource
+from mipbake.material.pixel_filter import Wrap, filter_named
 from mipbake.quality.environment import Lighting
 from mipbake.quality.figures import Candidate, Figure
 from mipbake.quality.metrics import LightViewPairs, flicker_ratio, flicker_snr_db
 from mipbake.quality.metrics.pairs import cosine_directions
 from mipbake.quality.reference.estimate import reference
+from mipbake.quality.reference.sequences import SEQUENCE
 from mipbake.quality.round_lookups import candidate
+from mipbake.quality.samplers import RenderSampler, level_of_detail, look_up, over_frames
+
+Array = NDArray[np.float64]
 
 SLICE_PASSES = 384
 """Samples for each pixel in the reference of a temporal slice, both halves together."""
 
-_BRIGHT = 0.6  # linear value after x / (1 + x) that bright parts of a plot are scaled to
 _ABOVE = np.array([0, 0, 1], np.float32)  # the view
 _SIDE, _LIGHTS, _SAMPLES = 24, 256, 64  # effort on the search for the worst pixel
 _RIM = 0.999  # radius of the disc of directions, off the horizon by a little
 
 
-class Slice(NamedTuple):
-    """A temporal slice, and flicker over its frames: view `rotation`, scale `1:1`."""
+DEGREES = 0.1
+"""The turn from frame to frame."""
 
-    plot: Plot
-    figures: tuple[Figure, ...]
+# Rows see the plane at these angles below its horizon. Footprints grow by 1 / sin^2, twofold from bottom to top.
+_TOP = 35.0
+_BOTTOM = math.degrees(math.asin(math.sqrt(2) * math.sin(math.radians(_TOP))))
 
 
 def temporal_slice(
@@ -46,7 +52,7 @@ def temporal_slice(
     size: tuple[int, int] = (192, 256),
     passes: int = SLICE_PASSES,
     progress: Callable[[float], None] = lambda _share: None,
-) -> Slice:
+) -> tuple[Plot, tuple[Figure, ...]]:
     """One column of pixels of each frame of a slow rotation, side by side: time runs to the right.
 
     A plane turns by 0.1 degrees a frame around its normal, at levels of detail from 0 (the bottom row) to 1 (the top
@@ -60,12 +66,15 @@ def temporal_slice(
         settings: the seed, and how stacks are looked up.
         size: height of the picture in pixels, and its width, which is the number of frames.
         passes: samples a pixel of the reference, an even number from 4 on.
-        progress: told the finished share.
+        progress: called with the finished share.
+
+    Returns:
+        The plot, and flicker over its frames: view `rotation`, scale `1:1`.
     """
     height, frames = size
     scene = Turning(exposed(lighting), source.stored.shape[:2], frames, height)
     images = {
-        each.method.name: scene.candidate(
+        each.name: scene.candidate(
             each.levels, each.method.model, source.wrap, settings.sampler, np.random.default_rng(settings.seed)
         )
         for each in candidates
@@ -84,26 +93,122 @@ def temporal_slice(
         f"breaks in them shimmer. The reference has {passes} samples per pixel."
     )
     reference = np.asarray((first + second) / 2, np.float32)
-    return Slice(Plot("temporal-slice", "Temporal slice of a slow rotation", caption, reference, images), figures)
+    return Plot("temporal-slice", "Temporal slice of a slow rotation", caption, reference, images), figures
 
 
-def half_pixel_shift(change: Change) -> Plot:
-    """How much every pixel changes when the picture moves by half a pixel: the absolute change, black where there is
-    none, amplified for all images by one factor that the caption tells. A pixel off the interior is black.
+class Turning:
+    """A plane, y = 0, that turns around +y through the world's origin, which is the middle of the picture.
+
+    The picture is twice as wide as high; the column lies at seven eighths of its width, where the plane moves by about
+    a quarter of a pixel a frame along the column when `height` is 192. In frame 0 u grows along +x, v along +z, and
+    texels are square and so large that the level of detail is 0 at the bottom of the column and about 1 at its top.
+
+    Args:
+        lighting: stays where it is.
+        size: (height, width) of the texture.
+        frames: how many, DEGREES of a turn apart.
+        height: of the column, in pixels.
     """
-    inside = change.interior[..., None]
-    factor = _factor(np.abs(change.reference)[change.interior])
-    caption = (
-        f"Absolute change of linear radiance when the picture moves by half a pixel, times {factor:g} in all images; "
-        "black is no change. Where an image is brighter than the reference, it shimmers; where it is darker, it is "
-        f"blurred. {change.scene.title}."
-    )
 
-    def shown(signed: Image) -> Image:
-        return np.asarray(np.where(inside, np.abs(signed) * factor, 0), np.float32)
+    def __init__(self, lighting: Lighting, size: tuple[int, int], frames: int, height: int) -> None:
+        middle = math.radians(_TOP + _BOTTOM) / 2
+        self.resolution = height, 2 * height
+        self.column = 2 * height * 7 // 8
+        self.camera = Camera((0.0, math.sin(middle), math.cos(middle)), field_of_view=_BOTTOM - _TOP)
+        self.angles = np.radians(DEGREES * np.arange(frames))
+        """(frames,) radians, from +z towards +x."""
+        self._size, self._lighting = size, lighting
+        self._tangent_frames = np.repeat(self._frames().astype(np.float32), height, axis=0)
+        self.texel = 1.0
+        bottom = self._see((0.0, 0.0))[1].reshape(frames, height, 4)[0, -1:]
+        self.texel = float(2 ** level_of_detail(bottom, size)[0])
+        """Side of a texel in the world."""
 
-    images = {name: shown(image) for name, image in change.images.items()}
-    return Plot("half-pixel-shift", "Change under a shift by half a pixel", caption, shown(change.reference), images)
+    def candidate(
+        self,
+        levels: Sequence[NDArray[np.float32]],
+        model: str,
+        wrap: Wrap,
+        sampler: RenderSampler = DEFAULT_SAMPLER,
+        rng: np.random.Generator | None = None,
+    ) -> NDArray[np.float32]:
+        """(height, frames, 3) linear radiance: what an unchanged engine shows, as
+        `mipbake.comparing.meshes.mesh_render.candidate` has it.
+        """
+
+        def frame(offset: tuple[float, float]) -> NDArray[np.float32]:
+            uv, uv_da, view = self._see(offset)
+            return np.asarray(self._lit(look_up(levels, uv, uv_da, wrap, sampler, rng), view, model))
+
+        return np.asarray(over_frames(sampler, frame).swapaxes(0, 1))
+
+    def reference(
+        self,
+        source: FilteredSource,
+        passes: int,
+        rng: np.random.Generator,
+        progress: Callable[[float], None] = lambda _share: None,
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Two independent halves, (height, frames, 3) each, of `passes` samples a pixel together.
+
+        As `mipbake.comparing.meshes.mesh_render.reference`: the pixel filter's mean of level 0, interpolated bilinearly
+        and shaded at each sample; one sub-pixel offset a pass, which all frames share.
+        """
+        kernel = filter_named(source.pixel_filter)
+        level = np.asarray(source.stored, np.float32)[None]
+        halves = []
+        for half, shift in enumerate(rng.random((2, 2))):
+            total, weights = np.zeros((len(self.angles), self.resolution[0], 3)), 0.0
+            for index in range(passes // 2):
+                offset, sign = kernel.offsets((shift + index * SEQUENCE) % 1.0)
+                uv, _, view = self._see((float(offset[0]), float(offset[1])))
+                texels = sampling.texture(level, uv[None, None], filter_mode="linear", boundary_mode=source.wrap)
+                weight = float(sign.prod())
+                total += weight * self._lit(texels[0, 0], view, source.model)
+                weights += weight
+                progress((half + 2 * (index + 1) / passes) / 2)
+            # As mesh_render divides: a constant stays constant under signed filters too.
+            halves.append(np.asarray(total / weights, np.float32).swapaxes(0, 1))
+        return halves[0], halves[1]
+
+    def _see(self, offset: tuple[float, float]) -> tuple[Array, Array, NDArray[np.float32]]:
+        """uv (P, 2), its derivatives (P, 4) per pixel, and views (P, 3) in the world; P frame by frame.
+
+        The ray through the point (X, Y) of the picture, in pixels, has the direction d = d_0 + X d_X + Y d_Y, and
+        meets the plane y = 0 at o - d o_y / d_y.
+        """
+        height, width = self.resolution
+        right, up, back = self.camera.view_matrix()[:3, :3]
+        pixel = 2 * math.tan(math.radians(self.camera.field_of_view) / 2) / height
+        x = (self.column + 0.5 - width / 2 + offset[0]) * pixel
+        y = (height / 2 - np.arange(height) - 0.5 + offset[1]) * pixel
+        origin = np.asarray(self.camera.position)
+        d = x * right + y[:, None] * up - back
+        hit = origin - d * (origin[1] / d[:, 1:2])
+        dx, dy = (
+            -origin[1] * (along * d[:, 1:2] - d * along[1]) / d[:, 1:2] ** 2 for along in (pixel * right, pixel * up)
+        )
+        view = -d / np.linalg.norm(d, axis=-1, keepdims=True)
+        frame = self._frames()
+        on_plane = frame[:, None, :2] * [[[[1.0], [-1.0]]]]
+        scale = 1 / (self.texel * np.array([self._size[1], self._size[0]]))
+        uv, du, dv = ((on_plane @ p[None, :, :, None])[..., 0] * scale for p in (hit, dx, dy))
+        uv_da = np.stack([du[..., 0], dv[..., 0], du[..., 1], dv[..., 1]], -1)
+        views = np.tile(view.astype(np.float32), (len(frame), 1))
+        return uv.reshape(-1, 2), uv_da.reshape(-1, 4), views
+
+    def _frames(self) -> Array:
+        """(frames, 3, 3): rows t, b and n in the world; u grows along t and v along -b."""
+        c, s, zero = np.cos(self.angles), np.sin(self.angles), np.zeros(len(self.angles))
+        t, b, n = (c, zero, -s), (-s, zero, -c), (zero, zero + 1, zero)
+        return np.stack([np.stack(each, -1) for each in (t, b, n)], 1)
+
+    def _lit(self, texels: NDArray[np.float32], view: NDArray[np.float32], model: str) -> NDArray[np.float32]:
+        """(frames, height, 3) radiance of all lights together."""
+        lit = shading.shade_lit(
+            model, texels, self._tangent_frames, view, self._lighting.direction, self._lighting.radiance
+        )
+        return lit.reshape(len(self.angles), self.resolution[0], 3)
 
 
 def apparent_brdf(
@@ -139,17 +244,17 @@ def apparent_brdf(
     pairs = LightViewPairs(light, np.broadcast_to(_ABOVE, light.shape))
 
     expected = reference(source, where, lod, pairs, samples, np.random.default_rng(seed))[:, 0]
-    factor = _factor(expected)
+    factor = brightening(expected)
 
     def disc(f: NDArray[np.float32]) -> Image:
         image = np.zeros((size, size, 3), np.float32)
         image[on] = f * np.float32(factor)
         return image
 
-    def shown(each: Candidate) -> NDArray[np.float32]:
-        return candidate(each.levels, each.method.model, source.wrap, where, lod, pairs)[:, 0]
-
-    images = {each.method.name: disc(shown(each)) for each in candidates}
+    images = {
+        each.name: disc(candidate(each.levels, each.method.model, source.wrap, where, lod, pairs)[:, 0])
+        for each in candidates
+    }
     height, width = source.stored.shape[:2]
     caption = (
         f"Light that one pixel reflects at lod {lod:g} (column {int(u % 1 * width)}, row {int(v % 1 * height)} of "
@@ -175,12 +280,3 @@ def _worst(source: FilteredSource, subject: Candidate, seed: int, lod: float) ->
     error, signal = np.square(p - r).sum((0, 2)), np.square(r).sum((0, 2))
     u, v = uv[int(np.argmax(error / np.maximum(signal, 1e-30)))]
     return float(u), float(v)
-
-
-def _factor(values: NDArray[np.floating]) -> float:
-    """The factor, to two digits, that scales bright values (the 99.5th percentile of their brightest channel) to
-    _BRIGHT."""
-    bright = float(np.percentile(values.max(-1), 99.5)) if values.size else 0.0
-    if bright <= 0:
-        return 1.0
-    return float(f"{_BRIGHT / (1 - _BRIGHT) / bright:.2g}")

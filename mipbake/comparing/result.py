@@ -1,16 +1,24 @@
-"""What a comparison found: plain dataclasses, which `results.json` and the page of a report are written from."""
+"""What a comparison found: plain dataclasses, which `results.json` and the page of a report are written from; and which
+method is the one to beat."""
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake.baking.methods import METHODS
 from mipbake.quality.figures import SCALES, Figure, Method
+from mipbake.stack.stack import MipStack
+
+LINEAR, OPTIMUM = "linear (box)", "optimum"
+"""Names of what engines do today, and of the limit of what a stack can show."""
 
 Image = NDArray[np.float32]
 """(H, W, 3) linear radiance, rows from the top."""
@@ -45,7 +53,7 @@ class Scene:
     converged: bool
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Rendered:
     """The images of a scene.
 
@@ -62,10 +70,6 @@ class Rendered:
     images: Mapping[str, Image]
     interior: NDArray[np.bool_]
     flip: Mapping[str, NDArray[np.float32]]
-
-    def __repr__(self) -> str:
-        """A description in one line."""
-        return f"Rendered({self.scene.name!r}, {', '.join(self.images)})"
 
 
 @dataclass(frozen=True)
@@ -100,7 +104,7 @@ class FilmedScene:
     converged: bool
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Filmed:
     """The frames of a film.
 
@@ -114,18 +118,14 @@ class Filmed:
     reference: NDArray[np.uint8]
     images: Mapping[str, NDArray[np.uint8]]
 
-    def __repr__(self) -> str:
-        """A description in one line."""
-        return f"Filmed({self.scene.name!r}, {', '.join(self.images)})"
 
-
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Plot:
     """One of the paper's plots for this material: an image for each method and an image of the reference.
 
     Args:
         name: `temporal-slice` (figure 4), `half-pixel-shift` (figure 6) or `apparent-brdf` (figure 8).
-        title, caption: what a reader is told.
+        title, caption: what a reader is shown.
         reference, images: (h, w, 3) linear radiance, to be tonemapped like renders.
     """
 
@@ -134,10 +134,6 @@ class Plot:
     caption: str
     reference: Image
     images: Mapping[str, Image]
-
-    def __repr__(self) -> str:
-        """A description in one line."""
-        return f"Plot({self.name!r}, {', '.join(self.images)})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,11 +148,12 @@ class Comparison:
         curve: SNR of each method and pair set by level of detail, in steps of 1/4.
         figures: every measure of each method, view and scale.
         rendered, films, plots: images.
+        stacks: of the subject, the best closed form and `linear (box)`, by method name.
         source: what was read of the set, as `mipbake inspect --json` says it.
         notes: what a reader must know, in sentences.
         warnings: what is wrong, in sentences: a stack of another set, a reference that did not converge.
         foreign: whether the opened stack was baked from another texture set, which is one of the warnings.
-        settings: seed, points, samples, resolution and so on.
+        settings: seed, resolution and so on.
         seconds: by phase.
     """
 
@@ -170,6 +167,7 @@ class Comparison:
     rendered: tuple[Rendered, ...] = ()
     films: tuple[Filmed, ...] = ()
     plots: tuple[Plot, ...] = ()
+    stacks: Mapping[str, MipStack] = field(default_factory=dict)
     source: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
@@ -181,44 +179,52 @@ class Comparison:
         """A description in one line."""
         return f"Comparison({self.name!r}, {self.model}: {', '.join(method.name for method in self.methods)})"
 
-    def figure(self, method: str, measure: str, view: str, scale: str) -> Figure:
-        """The one figure of these names; KeyError where it was not measured."""
-        return _only(self.figures, (method, measure, view, scale), ("method", "measure", "view", "scale"))
+    @cached_property
+    def _figures(self) -> Mapping[tuple[str, str, str, str], Figure]:
+        return {(f.method, f.measure, f.view, f.scale): f for f in reversed(self.figures)}
 
-    def point(self, method: str, measure: str, view: str, lod: float) -> Figure:
-        """The one point of a curve; KeyError where it was not measured."""
-        return _only(self.curve, (method, measure, view, lod), ("method", "measure", "view", "lod"))
+    def find(self, method: str, measure: str, view: str, scale: str) -> Figure | None:
+        """The one figure of these names; None where it was not measured."""
+        return self._figures.get((method, measure, view, scale))
+
+    def figure(self, method: str, measure: str, view: str, scale: str) -> Figure:
+        """The same; KeyError where it was not measured."""
+        return self._figures[method, measure, view, scale]
+
+    @property
+    def closed_forms(self) -> list[str]:
+        """Names of the methods other than the subject that average and have no trained weights."""
+        others = [each for each in self.methods if each.name != self.subject]
+        return [each.name for each in others if each.method in METHODS and METHODS[each.method].averages]
+
+    @property
+    def best_closed_form(self) -> str | None:
+        """The closed form whose SNR is the highest in the mean over scales and pair sets; None without figures."""
+        means = {}
+        for name in self.closed_forms:
+            found = [f.value for f in self.figures if f.measure == "snr" and f.method == name and f.scale]
+            if found and not any(math.isnan(value) for value in found):
+                means[name] = sum(found) / len(found)
+        return max(means, key=means.__getitem__, default=None)
 
     def to_dict(self) -> dict[str, Any]:
-        """The comparison in plain types, without the images."""
+        """The comparison in plain types, without images and stacks."""
+        records = {name: [asdict(each) for each in getattr(self, name)] for name in ("methods", "curve", "figures")}
         return {
-            "name": self.name,
-            "subject": self.subject,
-            "model": self.model,
-            "pixel_filter": self.pixel_filter,
-            "methods": [asdict(method) for method in self.methods],
+            **{name: getattr(self, name) for name in ("name", "subject", "model", "pixel_filter")},
+            "methods": records.pop("methods"),
             "scales": {name: list(lods) for name, lods in SCALES.items()},
-            "curve": [asdict(figure) for figure in self.curve],
-            "figures": [asdict(figure) for figure in self.figures],
+            **records,
             "scenes": [asdict(each.scene) for each in self.rendered],
             "films": [asdict(each.scene) for each in self.films],
             "plots": [{"name": plot.name, "title": plot.title, "caption": plot.caption} for plot in self.plots],
             "source": dict(self.source),
             "notes": list(self.notes),
             "warnings": list(self.warnings),
-            "foreign": self.foreign,
-            "settings": dict(self.settings),
-            "seconds": dict(self.seconds),
+            **{name: getattr(self, name) for name in ("foreign", "settings", "seconds")},
         }
 
 
 def file_stem(*names: str) -> str:
     """Names of scenes and methods as a part of a file's name: what is not a letter or digit becomes a hyphen."""
     return "--".join(re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")[:60] or "image" for name in names)
-
-
-def _only(figures: Iterable[Figure], wanted: tuple[object, ...], keys: tuple[str, ...]) -> Figure:
-    for figure in figures:
-        if tuple(getattr(figure, key) for key in keys) == wanted:
-            return figure
-    raise KeyError(wanted)

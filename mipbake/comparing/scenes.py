@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from mipbake.base.errors import InputError, UsageError
 from mipbake.comparing.meshes import shapes
 from mipbake.comparing.meshes.camera import Camera, orbit
 from mipbake.comparing.meshes.mesh import Mesh
-from mipbake.comparing.meshes.mesh_render import Shot
+from mipbake.comparing.meshes.visible import Shot
 from mipbake.quality.environment import Lighting
 from mipbake.quality.figures import SCALES
 from mipbake.quality.samplers import level_of_detail
@@ -40,12 +39,10 @@ _MESH_DISTANCES = {"near": 1.0, "middle": 3.0, "far": 8.0}
 
 
 @dataclass(frozen=True, eq=False)
-class View:
-    """What is rendered.
+class View(Shot):
+    """What is rendered, at least SMALLEST pixels high and wide.
 
     Args:
-        mesh, camera, lighting: the scene.
-        resolution: (height, width) in pixels, at least SMALLEST each.
         name: key, also of files: `sphere-near`, `sphere-1-1`, ...
         title: what a reader is shown.
         view: kind of the view: `sphere`, `plane` or `mesh`.
@@ -55,19 +52,10 @@ class View:
         UsageError: a resolution too small to compare images at.
     """
 
-    mesh: Mesh
-    camera: Camera
-    lighting: Lighting
-    resolution: tuple[int, int]
     name: str
     title: str
     view: str
     scale: str
-
-    @property
-    def shot(self) -> Shot:
-        """What of it a renderer takes."""
-        return Shot(self.mesh, self.camera, self.lighting, self.resolution)
 
     def __post_init__(self) -> None:
         if min(self.resolution) < SMALLEST:
@@ -92,15 +80,15 @@ class ShiftedCamera(Camera):
         return super().to_clip(points, resolution, (offset[0] + self.shift[0], offset[1] + self.shift[1]))
 
 
-def exposed(lighting: Lighting) -> Lighting:
-    """The lighting at EXPOSURE."""
-    return Lighting(lighting.name, lighting.direction, lighting.radiance * EXPOSURE)
-
-
 def shifted(camera: Camera, shift: tuple[float, float]) -> Camera:
     """The camera with its picture moved by `shift` pixels, columns to the right and rows upwards."""
     c = camera
     return ShiftedCamera(c.position, c.looks_at, c.up, c.field_of_view, c.near, c.far, shift)
+
+
+def exposed(lighting: Lighting) -> Lighting:
+    """The lighting at EXPOSURE."""
+    return replace(lighting, radiance=lighting.radiance * EXPOSURE)
 
 
 def standard_views(
@@ -119,8 +107,14 @@ def standard_views(
     Raises:
         UsageError: a resolution below SMALLEST.
     """
-    lights = exposed(lighting)
-    return (*_spheres(size, lights, last_level, resolution), _plane(size, lights, last_level, plane_resolution))
+    lights, views = exposed(lighting), []
+    for scale, lods in SCALES.items():
+        lod = min(sum(lods) / 2, float(last_level))
+        name, title = f"sphere-{scale.replace(':', '-')}", f"Sphere, {scale} (median lod {lod:g})"
+        shot = sphere_shot(size, lights, lod, resolution)
+        views.append(View(**vars(shot), name=name, title=title, view="sphere", scale=scale))
+    plane, title = _plane_shot(size, lights, last_level, plane_resolution), f"Plane, lod 0 to {last_level}"
+    return (*views, View(**vars(plane), name="plane", title=title, view="plane", scale=""))
 
 
 def mesh_views(
@@ -147,9 +141,8 @@ def mesh_views(
     views = []
     for scale, times in _MESH_DISTANCES.items():
         distance = fitted * times
-        seen = orbit(distance, *_MESH_FROM, (x, y, z), _MESH_ANGLE)
-        room = (max(distance - 1.1 * radius, 1e-3 * distance), distance + 1.1 * radius)
-        camera = Camera(seen.position, seen.looks_at, seen.up, _MESH_ANGLE, *room)
+        near, far = max(distance - 1.1 * radius, 1e-3 * distance), distance + 1.1 * radius
+        camera = replace(orbit(distance, *_MESH_FROM, (x, y, z), _MESH_ANGLE), near=near, far=far)
         lod = median_lod(mesh, camera, resolution, size)
         if math.isnan(lod):
             raise InputError(
@@ -172,15 +165,6 @@ def median_lod(mesh: Mesh, camera: Camera, resolution: tuple[int, int], size: tu
     return float(np.median(level_of_detail(covered, size))) if len(covered) else math.nan
 
 
-def _spheres(size: tuple[int, int], lighting: Lighting, last_level: int, resolution: tuple[int, int]) -> Iterator[View]:
-    for scale, lods in SCALES.items():
-        lod = min(sum(lods) / 2, float(last_level))
-        shot = sphere_shot(size, lighting, lod, resolution)
-        title = f"Sphere, {scale} (median lod {lod:g})"
-        name = f"sphere-{scale.replace(':', '-')}"
-        yield View(shot.mesh, shot.camera, lighting, resolution, name, title, "sphere", scale)
-
-
 def sphere_shot(size: tuple[int, int], lighting: Lighting, lod: float, resolution: tuple[int, int]) -> Shot:
     """A sphere that fills the picture, whose texture repeats so often that the median level of detail is `lod`."""
     height, width = size
@@ -189,16 +173,10 @@ def sphere_shot(size: tuple[int, int], lighting: Lighting, lod: float, resolutio
     camera = orbit(1 / math.sin(angle), 0.0, 12.0, field_of_view=_SPHERE_ANGLE)
     once = shapes.sphere(repeat=(2 * height / width, 1.0))  # twice as far around as from pole to pole
     times = 2 ** (lod - median_lod(once, camera, resolution, size))
-    mesh = Mesh("sphere", once.positions, once.normals, once.uv * times, once.tangents, once.triangles)
-    return Shot(mesh, camera, lighting, resolution)
+    return Shot(replace(once, uv=once.uv * times), camera, lighting, resolution)
 
 
-def _plane(size: tuple[int, int], lighting: Lighting, last_level: int, resolution: tuple[int, int]) -> View:
-    shot = plane_shot(size, lighting, last_level, resolution)
-    return View(shot.mesh, shot.camera, lighting, resolution, "plane", f"Plane, lod 0 to {last_level}", "plane", "")
-
-
-def plane_shot(size: tuple[int, int], lighting: Lighting, last_level: int, resolution: tuple[int, int]) -> Shot:
+def _plane_shot(size: tuple[int, int], lighting: Lighting, last_level: int, resolution: tuple[int, int]) -> Shot:
     """A receding plane: one texel a pixel at the bottom of the picture, and the last level at its top."""
     # Seen from height 1, a ray at the angle a below the horizon meets the ground 1 / sin(a) away, and a pixel's
     # footprint is drawn out by another 1 / sin(a): the level of detail rises by 2 log2(sin(bottom) / sin(top)).
@@ -222,5 +200,4 @@ def plane_shot(size: tuple[int, int], lighting: Lighting, last_level: int, resol
     distance = 1 / math.sin(bottom) * math.cos(angle / 2)  # along the view, at which the lowest row lies
     texel = 2 * math.tan(angle / 2) / resolution[0] * distance / math.sin(bottom) / math.cos(angle / 2)
     uv = positions[:, [0, 2]] / texel / np.array([size[1], size[0]], np.float64)
-    mesh = Mesh("plane", positions, ground.normals, uv, ground.tangents, ground.triangles)
-    return Shot(mesh, camera, lighting, resolution)
+    return Shot(replace(ground, positions=positions, uv=uv), camera, lighting, resolution)

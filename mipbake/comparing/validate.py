@@ -21,17 +21,7 @@ from mipbake.source.texture_set import TextureSet
 from mipbake.stack.stack import MipStack
 from mipbake.stack.written import BAKED, opened
 
-__all__ = [
-    "BAKED",
-    "CLOSED_FORMS",
-    "DEFAULT_LODS",
-    "DEFAULT_POINTS",
-    "DEFAULT_SAMPLES",
-    "DEFAULT_SEED",
-    "Row",
-    "Validation",
-    "validate",
-]
+__all__ = ["BAKED", "CLOSED_FORMS", "DEFAULT_LODS", "DEFAULT_SEED", "Row", "Validation", "validate"]
 
 DEFAULT_LODS = (0.0, 0.5, 1.0, 2.0, 3.0, 5.0, 7.0)
 
@@ -61,6 +51,7 @@ class Validation:
     Args:
         name: the texture set's name.
         method: how the stack under test was baked (its rows are called "baked").
+        model: material model of the stack.
         pixel_filter: the filter of the reference.
         rows: all figures.
         notes: what a reader must know, in plain sentences.
@@ -128,7 +119,7 @@ def validate(
         lods: levels of detail; those beyond the last level are measured at the last level, once.
         seed: fixes points, light-view pairs and samples.
         points: random pixels per lod. samples: reference samples per pixel in each estimate.
-        progress: told "validate" and the finished share.
+        progress: called with "validate" and the finished share.
         baselines: methods to bake beside the stack, each with its averaging kernel, or None for the stack's filter; for
             the stack's sampler and with its aim, where they take them.
 
@@ -136,26 +127,24 @@ def validate(
         UsageError: a negative lod, or fewer than one point or sample.
     """
     check_settings(lods, points, samples)
-    kernel = stack.provenance.pixel_filter
+    made = stack.provenance
+    kernel = made.pixel_filter
     names = dict.fromkeys(label(method, averaging or kernel) for method, averaging in baselines)
     wrong = mismatch(stack, texture_set)
-    made = stack.provenance
     recipe = Recipe(target=stack.model, pixel_filter=kernel, sampler=made.sampler, aim=made.aim)
     with bake_all(texture_set, recipe, tuple(names)) as baked:
-        candidates = [opened(stack), *baked]
-        effort = MeasureEffort(seed, points, samples)
         measured = measure(
             texture_set.filtered(kernel),
-            candidates,
+            [opened(stack), *baked],
             lods,
             (),
-            effort,
+            MeasureEffort(seed, points, samples),
             lambda _phase, share: progress("validate", share),
             made.sampler or DEFAULT_SAMPLER,
         )
     return Validation(
         name=texture_set.name,
-        method=stack.provenance.method,
+        method=made.method,
         model=stack.model,
         pixel_filter=kernel,
         rows=tuple(Row(f.method, f.view, f.lod, f.value, f.low, f.high) for f in measured.curve),

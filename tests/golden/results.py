@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from mipbake.baking.methods import METHODS, Prefilter
 from mipbake.baking.search.methods import Optimum, Refine
 from mipbake.baking.search.texel_descent import DescentEffort
-from mipbake.comparing.filming import FilmSettings, films_of, taken
+from mipbake.comparing.filming import taken
+from mipbake.comparing.films import films_of
 from mipbake.comparing.pictures import RenderSettings
 from mipbake.material.aim import SAMPLERS
 from mipbake.material.filtered_source import FilteredSource
@@ -123,10 +124,9 @@ def _filmed(scene: str, sampler: str) -> Arrays:
         )
         for name, kernel in (("linear", "box"), ("lean", "gaussian"), ("neural", "gaussian"))
     ]
-    (shown,) = (each for each in films_of(size, lamps(), 4, None, "camera", 24) if each.name == scene)
-    short = dataclasses.replace(shown.film, cameras=shown.film.cameras[:2], lightings=shown.film.lightings[:2])
-    settings = FilmSettings(RenderSettings(0, 16, SAMPLERS[sampler]))
-    take = taken(dataclasses.replace(shown, film=short), level, candidates, settings)
+    (shown,) = (each for each in films_of(size, lamps(), 4, None, "camera", 24) if each.name == f"film-{scene}")
+    short = dataclasses.replace(shown, shots=shown.shots[:2])
+    take = taken(short, level, candidates, RenderSettings(0, 16, SAMPLERS[sampler]))
     frames = (take.shown.mean, *map(take.shown.displayed, take.frames.values()))
     return [np.asarray(each, np.float32) for each in frames]
 

@@ -49,14 +49,16 @@ def default_folder() -> Path:
 
 
 def content_key(**ingredients: object) -> str:
-    """SHA-256, in hexadecimal, of named ingredients: arrays, numbers, strings, and tuples of those.
+    """SHA-256, in hexadecimal, of named arrays, numbers and strings, and tuples of these.
 
     Arrays of another dtype or shape are other content, and so is an integer beside a float of equal value.
     """
     digest = hashlib.sha256()
     for name, value in sorted(ingredients.items()):
-        _feed(digest, name)
-        _feed(digest, value)
+        for each in value if isinstance(value, tuple) else (value,):
+            array = np.ascontiguousarray(each)
+            digest.update(f"{name} {array.dtype.str} {array.shape}:".encode())
+            digest.update(array.tobytes())
     return digest.hexdigest()
 
 
@@ -73,35 +75,26 @@ def load(folder: Path, key: str) -> dict[str, NDArray[Any]] | None:
     return arrays
 
 
-def save(folder: Path, key: str, arrays: Mapping[str, NDArray[Any]], limit: int = LIMIT) -> str:
+def save(folder: Path, key: str, arrays: Mapping[str, NDArray[Any]], limit: int = LIMIT) -> None:
     """Saves arrays under a key, in place of what was there, and removes the oldest files beyond `limit` bytes.
 
-    A reader sees the old file or the new one, whole. Nothing is raised where the folder cannot be written.
-
-    Returns:
-        "", or a sentence that says why nothing was saved.
+    A reader sees the old file or the new one, whole. Nothing is saved, and nothing raised, where the arrays are larger
+    than the limit or the folder cannot be written.
     """
-    size = sum(array.nbytes for array in arrays.values())
-    if size > limit:
-        return f"nothing is cached: {size:,} bytes are more than the {limit:,} that a cache may take"
+    if sum(array.nbytes for array in arrays.values()) > limit:
+        return
     values: dict[str, Any] = dict(arrays)
-    part: Path | None = None
-    try:
+    with suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(_PART, "", folder)
-        part = Path(name)
-        with os.fdopen(handle, "wb") as file:
-            np.savez(file, **values)
-        part.replace(folder / (key + _SUFFIX))
-        part = None
+        handle, part = tempfile.mkstemp(_PART, "", folder)
+        try:
+            with os.fdopen(handle, "wb") as file:
+                np.savez(file, **values)
+            Path(part).replace(folder / (key + _SUFFIX))
+        except BaseException:
+            Path(part).unlink()
+            raise
         _prune(folder, limit, folder / (key + _SUFFIX))
-    except OSError as error:
-        return f"nothing is cached: folder {folder} cannot be written ({error.strerror or error})"
-    finally:
-        if part is not None:
-            with suppress(OSError):
-                part.unlink()
-    return ""
 
 
 def _prune(folder: Path, limit: int, newest: Path) -> None:
@@ -114,28 +107,11 @@ def _prune(folder: Path, limit: int, newest: Path) -> None:
     for path in folder.glob("*" + _SUFFIX):
         with suppress(OSError):
             status = path.stat()
-            found.append((path != newest, status.st_mtime, status.st_size, path))
-    total = sum(size for _, _, size, _ in found)
-    for removable, _, size, path in sorted(found, key=lambda each: each[1]):
+            found.append((path == newest, status.st_mtime, path, status.st_size))
+    total = sum(size for *_, size in found)
+    for *_, path, size in sorted(found):  # the newest comes last, and fits by itself
         if total <= limit:
             return
-        if removable:
-            with suppress(OSError):
-                path.unlink()
-            total -= size
-
-
-def _feed(digest: Any, value: object) -> None:
-    """Adds a value so that no two different ones add the same bytes."""
-    if isinstance(value, np.ndarray):
-        digest.update(f"array {value.dtype.str} {value.shape}:".encode())
-        digest.update(np.ascontiguousarray(value).reshape(-1).view(np.uint8))
-    elif isinstance(value, tuple):
-        digest.update(f"tuple {len(value)}:".encode())
-        for each in value:
-            _feed(digest, each)
-    elif isinstance(value, bool | int | float | str):
-        text = f"{type(value).__name__} {value!r}"
-        digest.update(f"{len(text.encode())} {text}:".encode())
-    else:
-        raise TypeError(f"no content key of {type(value).__name__}: expected arrays, numbers, strings and tuples")
+        with suppress(OSError):
+            path.unlink()
+        total -= size

@@ -88,16 +88,26 @@ def _parse(path: Path, data: bytes) -> _Statements:
             corners = [known.get(word) or _corner(path, line, word, said) for word in words]
             known.update((word, corner) for word, corner in zip(words, corners, strict=True) if "-" not in word)
             if len(corners) < 3:
-                raise InputError(
-                    f"line {line} of the mesh {path} has {len(corners)} corners, expected at least 3: export it again"
-                )
+                raise _wrong(path, line, f"has {len(corners)} corners, expected at least 3")
             said.corners += corners
             said.sizes.append(len(corners))
             said.lines.append(line)
         elif kind in _NUMBERS:
             what, least = _NUMBERS[kind]
-            getattr(said, kind).append(_numbers(path, line, words[:3], what, least))
+            try:
+                numbers = [float(word) for word in words[:3]]
+            except ValueError:
+                numbers = []
+            if len(numbers) < least or not all(map(math.isfinite, numbers)):
+                count = "three" if least == 3 else "one to three"
+                text = " ".join(words[:3])
+                raise _wrong(path, line, f"gives {what} as {text!r}: expected {count} finite numbers")
+            getattr(said, kind).append(numbers)
     return said
+
+
+def _wrong(path: Path, line: int, what: str) -> InputError:
+    return InputError(f"line {line} of the mesh {path} {what}: export it again")
 
 
 def _lines(text: str) -> Iterator[tuple[int, list[str]]]:
@@ -113,20 +123,6 @@ def _lines(text: str) -> Iterator[tuple[int, list[str]]]:
         yield text.count("\n") + 1, words
 
 
-def _numbers(path: Path, line: int, words: list[str], what: str, least: int) -> list[float]:
-    try:
-        numbers = [float(word) for word in words]
-    except ValueError:
-        numbers = []
-    if len(numbers) < least or not all(map(math.isfinite, numbers)):
-        expected = "three finite numbers" if least == 3 else "one to three finite numbers"
-        raise InputError(
-            f"line {line} of the mesh {path} gives {what} as {' '.join(words)!r}: expected {expected}, "
-            "so export it again"
-        )
-    return numbers
-
-
 def _corner(path: Path, line: int, word: str, said: _Statements) -> tuple[int, int, int]:
     """Indices from 0 of position, uv and normal, as in 7/3/5, 7//5, 7/3 or 7; negative ones count from here back."""
     parts = word.split("/")
@@ -137,10 +133,8 @@ def _corner(path: Path, line: int, word: str, said: _Statements) -> tuple[int, i
         given = [None]
     numbers = [(i, n) for i, n in zip(given, counts, strict=False) if i is not None]
     if given[0] is None or len(parts) > 3 or any(i == 0 or not -n <= i <= _MOST for i, n in numbers):
-        raise InputError(
-            f"line {line} of the mesh {path} has the corner {word!r}: expected numbers of a position, a texture "
-            "coordinate and a normal as in 7/3/5, counted from 1, so export it again"
-        )
+        expected = "numbers of a position, a texture coordinate and a normal as in 7/3/5, counted from 1"
+        raise _wrong(path, line, f"has the corner {word!r}: expected {expected}")
     v, vt, vn = (_ABSENT if i is None else i - 1 if i > 0 else n + i for i, n in zip(given, counts, strict=True))
     return v, vt, vn
 
@@ -151,10 +145,9 @@ def _checked(path: Path, said: _Statements, corners: Indices, lines: Indices) ->
         count = len(getattr(said, kind))
         beyond = np.flatnonzero(corners[:, column] >= count)
         if len(beyond):
-            raise InputError(
-                f"line {lines[beyond[0]]} of the mesh {path} refers to {what} with number "
-                f"{corners[beyond[0], column] + 1} of {count}: expected one that the file holds, so export it again"
-            )
+            number = corners[beyond[0], column] + 1
+            expected = f"refers to {what} with number {number} of {count}: expected one that the file holds"
+            raise _wrong(path, lines[beyond[0]], expected)
     without = np.flatnonzero(corners[:, 1] == _ABSENT)
     if len(without):
         raise InputError(

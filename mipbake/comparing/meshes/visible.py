@@ -1,4 +1,9 @@
-"""What the pixels of an image see of a mesh: texture coordinates, tangent frames and directions to the viewer."""
+"""What the pixels of an image see of a mesh: texture coordinates, tangent frames and directions to the viewer.
+
+At every point the tangent frame follows glTF 2.0: interpolated normal and tangent, made orthonormal there, and the
+bitangent from the handedness. There are no shadows and no reflections between surfaces; both sides of a triangle are
+drawn, and a side that faces away is black.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake import raster
+from mipbake import raster, shading
 from mipbake.comparing.meshes.camera import Camera
 from mipbake.comparing.meshes.mesh import Mesh
+from mipbake.quality.environment import Lighting
 
 BAND = 1 << 14
 """Pixels at a time. Their arrays stay in the cache, and are small enough that the allocator keeps their memory: pages
@@ -40,16 +46,11 @@ class Points:
 
 
 class Surface:
-    """A mesh as a camera sees it in images of `resolution` (height, width): what all of them share is kept.
+    """A mesh as a camera sees it in images of `resolution` (height, width): what all of them share is kept."""
 
-    Args:
-        band: pixels that `bands` gives at a time, at least a row.
-    """
-
-    def __init__(self, mesh: Mesh, camera: Camera, resolution: tuple[int, int], band: int = BAND) -> None:
+    def __init__(self, mesh: Mesh, camera: Camera, resolution: tuple[int, int]) -> None:
         self._triangles: Any = mesh.triangles
-        self._resolution, self._band = resolution, band
-        self._mesh, self._camera = mesh, camera
+        self._mesh, self._camera, self._resolution = mesh, camera, resolution
         to_eye = np.asarray(camera.position) - mesh.positions  # linear in the position, so it interpolates as that does
         self._attributes: Any = np.concatenate([mesh.normals, mesh.tangents, to_eye, mesh.uv], -1)
 
@@ -64,7 +65,7 @@ class Surface:
         """The same without derivatives, some rows at a time, so that no image needs much memory at once."""
         rast, _ = self._rasterized(offset)
         height, width = self._resolution
-        rows = max(1, self._band // width)
+        rows = max(1, BAND // width)
         for row in range(0, height, rows):
             band: Any = rast[:, row : row + rows]
             image, image_da = raster.interpolate(self._attributes, band, self._triangles)
@@ -73,6 +74,29 @@ class Surface:
     def _rasterized(self, offset: tuple[float, float]) -> tuple[Any, Any]:
         clip: Any = self._camera.to_clip(self._mesh.positions, self._resolution, offset)[None]
         return raster.rasterize(None, clip, self._triangles, self._resolution)
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """What is rendered: a mesh under lights, as a camera sees it. resolution: (height, width) in pixels."""
+
+    mesh: Mesh
+    camera: Camera
+    lighting: Lighting
+    resolution: tuple[int, int]
+
+    @property
+    def surface(self) -> Surface:
+        """What of the mesh each pixel sees."""
+        return Surface(self.mesh, self.camera, self.resolution)
+
+
+def lit(points: Points, texels: NDArray[np.float32], model: str, lighting: Lighting) -> NDArray[np.float32]:
+    """(P, 3) float32 radiance towards the camera, of all lights together; texels: (P, C) stored channels of `model`."""
+    made: NDArray[np.float32] = shading.shade_lit(
+        model, texels, points.frame, points.view, lighting.direction, lighting.radiance
+    )
+    return made
 
 
 def _points(rast: NDArray[Any], image: NDArray[Any], image_da: NDArray[Any], first: int) -> Points:

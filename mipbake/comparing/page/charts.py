@@ -1,4 +1,4 @@
-"""Curves of SNR over level of detail as inline SVG: every method is drawn, a few stand out."""
+"""How methods look, and curves of SNR over level of detail as inline SVG: every method is drawn, a few stand out."""
 
 from __future__ import annotations
 
@@ -6,16 +6,54 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from mipbake.comparing.page.markup import Html, element, joined
-from mipbake.comparing.page.methods import Look, looks
+from mipbake.comparing.page.markup import Html, element
 from mipbake.comparing.page.verdict import PLACES
-from mipbake.comparing.result import Comparison
+from mipbake.comparing.result import LINEAR, OPTIMUM, Comparison
 from mipbake.quality.figures import SCALES, Figure
 from mipbake.quality.metrics import PAIR_SETS
+
+COLOURS = 9
+"""How many colours the page's styles have for methods: `--c0` to `--c8`."""
 
 WIDTH, HEIGHT = 490, 330
 LEFT, RIGHT, TOP, BOTTOM = 38, 124, 30, 38  # margins of the axes; labels of lines stand to the right
 _LABEL_GAP = 14
+
+
+@dataclass(frozen=True)
+class Look:
+    """How a method is drawn.
+
+    Args:
+        colour: index of its colour: methods that differ only in their kernel share a colour.
+        dashed: whether its lines are dashed: a method with the plain box has dashed lines.
+        stands_out: whether it does so at first.
+    """
+
+    colour: int
+    dashed: bool
+    stands_out: bool
+
+
+def looks(comparison: Comparison) -> Mapping[str, Look]:
+    """The look of every method, in the order of `comparison.methods`."""
+    shown = standing_out(comparison)
+    others = [each for each in comparison.methods if each.name != comparison.subject]
+    first = [each.method for name in (LINEAR, OPTIMUM) for each in others if each.name == name]
+    families = list(dict.fromkeys(first + [each.method for each in others]))
+    made = {}
+    for each in comparison.methods:
+        # The subject has a colour of its own, even where it was opened and its method is among the others.
+        own = 0 if each.name == comparison.subject else 1 + families.index(each.method) % (COLOURS - 1)
+        made[each.name] = Look(own, each.kernel == "box" and each.name != comparison.subject, each.name in shown)
+    return made
+
+
+def standing_out(comparison: Comparison) -> list[str]:
+    """The subject, the closed form with the best mean SNR, `linear (box)` and the optimum, as far as they are there."""
+    wanted = dict.fromkeys([comparison.subject, comparison.best_closed_form, LINEAR, OPTIMUM])
+    names = {each.name for each in comparison.methods}
+    return [name for name in wanted if name is not None and name in names]
 
 
 @dataclass(frozen=True)
@@ -45,29 +83,24 @@ def curves(comparison: Comparison) -> Html:
 
 
 def _panel(view: str, comparison: Comparison, styles: Mapping[str, Look], index: int) -> Html:
-    lines = {
-        name: sorted((p for p in comparison.curve if p.view == view and p.method == name), key=lambda p: p.lod)
-        for name in styles
-    }
-    lines = {name: points for name, points in lines.items() if any(math.isfinite(p.value) for p in points)}
-    values = [p.value for points in lines.values() for p in points if math.isfinite(p.value)]
-    lods = [p.lod for points in lines.values() for p in points]
-    axes = _Axes((min(lods), max(lods)), _rounded(min(values), max(values)))
+    lines = {}
+    for name in styles:
+        points = sorted((p for p in comparison.curve if p.view == view and p.method == name), key=lambda p: p.lod)
+        if any(math.isfinite(p.value) for p in points):
+            lines[name] = points
+    drawn = [p for points in lines.values() for p in points]
+    lods, values = [p.lod for p in drawn], [p.value for p in drawn if math.isfinite(p.value)]
+    # A range of whole multiples of 5 dB around the figures.
+    bottom, top = 5 * math.floor(min(values) / 5), 5 * math.ceil(max(values) / 5)
+    axes = _Axes((min(lods), max(lods)), (bottom, max(top, bottom + 5)))
     # Thin lines first, the subject last, so that it lies on top.
     order = sorted(lines, key=lambda name: (styles[name].stands_out, name == comparison.subject))
-    clip = f"plot-{index}"
-    place = PLACES[view]
+    clip, place = f"plot-{index}", PLACES[view]
     label = f"SNR in decibels over level of detail {place}, a line for each method; the figures are in a table below"
+    inside = element("rect", x=LEFT, y=TOP, width=WIDTH - LEFT - RIGHT, height=HEIGHT - TOP - BOTTOM)
     svg = element(
         "svg",
-        element(
-            "defs",
-            element(
-                "clipPath",
-                element("rect", x=LEFT, y=TOP, width=WIDTH - LEFT - RIGHT, height=HEIGHT - TOP - BOTTOM),
-                id=clip,
-            ),
-        ),
+        element("defs", element("clipPath", inside, id=clip)),
         _grid(axes),
         element("g", [_band(lines[name], axes, name, styles[name]) for name in order], clip_path=f"url(#{clip})"),
         [_line(lines[name], axes, name, styles[name]) for name in order],
@@ -85,12 +118,6 @@ def _panel(view: str, comparison: Comparison, styles: Mapping[str, Look], index:
     return element("figure", caption, element("div", svg, readout, class_="plot"), class_="panel")
 
 
-def _rounded(low: float, high: float) -> tuple[float, float]:
-    """A range of whole multiples of 5 dB around the figures."""
-    bottom, top = 5 * math.floor(low / 5), 5 * math.ceil(high / 5)
-    return bottom, top if top > bottom else bottom + 5
-
-
 def _grid(axes: _Axes) -> Html:
     low, high = axes.decibels
     step = 5 if high - low <= 40 else 10
@@ -100,9 +127,8 @@ def _grid(axes: _Axes) -> Html:
         parts.append(element("line", class_="grid", x1=LEFT, x2=WIDTH - RIGHT, y1=_n(y), y2=_n(y)))
         parts.append(element("text", value, class_="tick", x=LEFT - 7, y=_n(y + 4), text_anchor="end"))
     for lod in range(math.ceil(axes.lods[0]), math.floor(axes.lods[1]) + 1):
-        parts.append(
-            element("text", lod, class_="tick", x=_n(axes.x(lod)), y=HEIGHT - BOTTOM + 17, text_anchor="middle")
-        )
+        x, y = _n(axes.x(lod)), HEIGHT - BOTTOM + 17
+        parts.append(element("text", lod, class_="tick", x=x, y=y, text_anchor="middle"))
     for name, (first, last) in SCALES.items():
         parts.extend(_scale(name, first, last, axes))
     middle = (LEFT + WIDTH - RIGHT) / 2
@@ -159,70 +185,42 @@ def _line(points: Sequence[Figure], axes: _Axes, name: str, look: Look) -> Html:
 
 
 def _labels(lines: Mapping[str, Sequence[Figure]], axes: _Axes, styles: Mapping[str, Look]) -> Html:
-    """Names beside the ends of lines, pushed apart; the name of a thin line is drawn when the line comes to stand
-    out."""
+    """Names beside the ends of lines. Those that stand out lie a line apart, near the wanted heights and above the
+    bottom; the name of a thin line is drawn, by scripts, when the line comes to stand out."""
     wanted = {name: axes.y(_runs(points, "value")[-1][-1].value) for name, points in lines.items()}
-    placed = dict(wanted)
-    placed.update(_apart({name: y for name, y in wanted.items() if styles[name].stands_out}))
-    return element(
-        "g",
-        [
-            element(
-                "text",
-                name if len(name) <= 18 else name[:17] + "…",
-                class_=_classes("label", styles[name]),
-                x=WIDTH - RIGHT + 7,
-                y=_n(placed[name] + 4),
-                data_method=name,
-                data_y=_n(wanted[name] + 4),
-            )
-            for name in lines
-        ],
-        class_="labels",
-        data_gap=_LABEL_GAP,
-        data_top=TOP,
-        data_bottom=HEIGHT - BOTTOM + 4,
-    )
-
-
-def _apart(places: Mapping[str, float]) -> dict[str, float]:
-    """Heights at least a line apart, near the wanted ones and above the bottom."""
-    names = sorted(places, key=places.__getitem__)
-    heights: list[float] = []
-    for name in names:
-        heights.append(max(places[name], heights[-1] + _LABEL_GAP if heights else TOP))
+    shown = sorted((name for name in wanted if styles[name].stands_out), key=wanted.__getitem__)
+    placed, above = dict(wanted), TOP - float(_LABEL_GAP)
+    for name in shown:
+        above = placed[name] = max(wanted[name], above + _LABEL_GAP)
     limit = float(HEIGHT - BOTTOM)
-    for index in reversed(range(len(heights))):
-        heights[index] = min(heights[index], limit)
-        limit = heights[index] - _LABEL_GAP
-    return dict(zip(names, heights, strict=True))
+    for name in reversed(shown):
+        placed[name] = min(placed[name], limit)
+        limit = placed[name] - _LABEL_GAP
+    labels = [
+        element(
+            "text",
+            name if len(name) <= 18 else name[:17] + "…",
+            class_=_classes("label", styles[name]),
+            x=WIDTH - RIGHT + 7,
+            y=_n(placed[name] + 4),
+            data_method=name,
+            data_y=_n(wanted[name] + 4),
+        )
+        for name in lines
+    ]
+    return element("g", labels, class_="labels", data_gap=_LABEL_GAP, data_top=TOP, data_bottom=HEIGHT - BOTTOM + 4)
 
 
 def _legend(styles: Mapping[str, Look]) -> Html:
     """Every method with its colour and dash. The boxes work with scripts only, and are not shown without."""
-    items = [
-        element(
-            "label",
-            element("input", type="checkbox", class_="js", checked=look.stands_out, data_method=name),
-            element(
-                "svg",
-                element("line", x1=0, x2=26, y1=5, y2=5, class_=_classes("line", look) + " dashed" * look.dashed),
-                class_="swatch",
-                viewBox="0 0 26 10",
-                aria_hidden="true",
-                data_method=name,
-            ),
-            element("span", name, class_="name"),
-            class_="chip",
-        )
-        for name, look in styles.items()
-    ]
-    return element(
-        "fieldset",
-        element("legend", "Methods ", element("span", "to make stand out", class_="js")),
-        joined(items),
-        class_="legend",
-    )
+    items = []
+    for name, look in styles.items():
+        line = element("line", x1=0, x2=26, y1=5, y2=5, class_=_classes("line", look) + " dashed" * look.dashed)
+        swatch = element("svg", line, class_="swatch", viewBox="0 0 26 10", aria_hidden="true", data_method=name)
+        box = element("input", type="checkbox", class_="js", checked=look.stands_out, data_method=name)
+        items.append(element("label", box, swatch, element("span", name, class_="name"), class_="chip"))
+    hint = element("legend", "Methods ", element("span", "to make stand out", class_="js"))
+    return element("fieldset", hint, items, class_="legend")
 
 
 def _classes(kind: str, look: Look) -> str:

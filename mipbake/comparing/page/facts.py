@@ -7,48 +7,29 @@ from pathlib import PurePath
 from typing import Any
 
 from mipbake.base.version import __version__
-from mipbake.comparing.page.markup import DASH, TIMES, Content, Html, element
-from mipbake.comparing.page.tables import plain_table
+from mipbake.comparing.page.markup import DASH, TIMES, Content, Html, element, folded
+from mipbake.comparing.page.tables import word_table
 from mipbake.comparing.result import Comparison
 from mipbake.source.sources import DECISIONS
 
-
-def found(source: Mapping[str, Any]) -> Html:
-    """What was read of the texture set: `source` in plain types, as `mipbake inspect --json` says it."""
-    maps = source.get("maps")
-    rows: list[Sequence[Content]] = []
-    for role, entry in (maps if isinstance(maps, Mapping) else {}).items():
-        path, constant = entry.get("path"), entry.get("constant")
-        origin = PurePath(path).name if path else "constant " + ", ".join(f"{v:g}" for v in constant or ())
-        size = f"{entry.get('width')} {TIMES} {entry.get('height')}" if path else ""
-        stored = f"{entry.get('depth')} {entry.get('channels')}" if path else ""
-        read = f"{entry.get('encoding')}{', inverted' if entry.get('inverted') else ''}" if path else ""
-        rows.append(
-            [role.replace("_", " ").replace("color", "colour"), origin, size, stored, read, entry.get("reason", "")]
-        )
-    parts: list[Content] = []
-    if rows:
-        parts.append(plain_table(("Map", "From", "Size", "Stored as", "Read as", "Why"), rows, "Maps of the set"))
-    convention = source.get("normal_convention")
-    if isinstance(convention, Mapping):
-        spoken = {"opengl": "OpenGL (green is up)", "directx": "DirectX (green is down)"}
-        name, confidence = str(convention.get("name")), convention.get("confidence")
-        sure = f", confidence {confidence:.2f}" if isinstance(confidence, int | float) else ""
-        decided = str(convention.get("decided_by"))
-        words = DECISIONS.get(decided, f"by {decided}")
-        parts.append(element("p", f"Normal convention: {spoken.get(name, name)}, {words}{sure}."))
-    for key, label in (("warnings", "Warnings"), ("notes", "Notes"), ("ignored", "Files that were left out")):
-        sentences = [_sentence(item) for item in source.get(key) or ()]
-        if sentences:
-            parts.append(element("h4", label))
-            parts.append(bullets(sentences))
-    return element("div", parts or element("p", "Nothing is known about the source of the set."), class_="facts")
+_CONVENTIONS = {"opengl": "OpenGL (green is up)", "directx": "DirectX (green is down)"}
 
 
-def _sentence(item: Any) -> str:
-    if isinstance(item, Mapping):  # an ignored file
-        return f"{PurePath(str(item.get('path'))).name}: {item.get('reason')}"
-    return str(item)
+def details(comparison: Comparison, results: str, images: Mapping[str, str]) -> list[Html]:
+    """All of it.
+
+    Args:
+        results: the file of figures.
+        images: file to what it shows.
+    """
+    return [
+        element("h3", "What was found and assumed"),
+        _found(comparison.source),
+        folded("The methods, and how long each took to bake", _methods(comparison)),
+        _settings(comparison),
+        element("h3", "Files"),
+        _files(results, images),
+    ]
 
 
 def bullets(sentences: Sequence[str]) -> Html:
@@ -56,29 +37,50 @@ def bullets(sentences: Sequence[str]) -> Html:
     return element("ul", [element("li", sentence) for sentence in sentences])
 
 
-def methods(comparison: Comparison) -> Html:
-    """What was compared."""
-    rows: list[Sequence[Content]] = [
-        [
-            each.name,
-            each.method,
-            each.kernel,
-            each.model,
-            _value(each.sampler),
-            _value(each.aim),
-            f"{each.seconds:.1f} s" if each.seconds is not None else f"opened from {each.path}" if each.path else DASH,
-        ]
-        for each in comparison.methods
-    ]
-    return plain_table(
-        ("Name", "Method", "Kernel", "Material model", "Made for sampler", "Aim", "Baking took"),
-        rows,
-        "Methods that were compared",
-    )
+def _found(source: Mapping[str, Any]) -> Html:
+    """What was read of the texture set: `source` as `mipbake inspect --json` says it."""
+    rows: list[Sequence[Content]] = []
+    for role, entry in source.get("maps", {}).items():
+        described: list[str] = ["constant " + ", ".join(f"{v:g}" for v in entry.get("constant") or ()), "", "", ""]
+        if entry.get("path"):
+            described = [
+                PurePath(entry["path"]).name,
+                f"{entry.get('width')} {TIMES} {entry.get('height')}",
+                f"{entry.get('depth')} {entry.get('channels')}",
+                f"{entry.get('encoding')}{', inverted' if entry.get('inverted') else ''}",
+            ]
+        spelt = role.replace("_", " ").replace("color", "colour")
+        rows.append([spelt, *described, entry.get("reason", "")])
+    parts: list[Content] = []
+    if rows:
+        parts.append(word_table(("Map", "From", "Size", "Stored as", "Read as", "Why"), rows, "Maps of the set"))
+    convention = source.get("normal_convention")
+    if convention:
+        name, decided, confidence = (convention.get(key) for key in ("name", "decided_by", "confidence"))
+        sure = f", confidence {confidence:.2f}" if confidence is not None else ""
+        words = DECISIONS.get(decided, f"by {decided}")
+        parts.append(element("p", f"Normal convention: {_CONVENTIONS.get(name, name)}, {words}{sure}."))
+    left_out = [f"{PurePath(each['path']).name}: {each['reason']}" for each in source.get("ignored", ())]
+    for label, sentences in (
+        ("Warnings", source.get("warnings")),
+        ("Notes", source.get("notes")),
+        ("Files that were left out", left_out),
+    ):
+        parts += [element("h4", label), bullets(sentences)] if sentences else []
+    return element("div", parts or element("p", "Nothing is known about the source of the set."), class_="facts")
 
 
-def settings(comparison: Comparison) -> Html:
-    """Settings and seconds, name and value."""
+def _methods(comparison: Comparison) -> Html:
+    heads = ("Name", "Method", "Kernel", "Material model", "Made for sampler", "Aim", "Baking took")
+    rows = []
+    for each in comparison.methods:
+        took = f"opened from {each.path}" if each.path else DASH
+        took = took if each.seconds is None else f"{each.seconds:.1f} s"
+        rows.append([each.name, each.method, each.kernel, each.model, _value(each.sampler), _value(each.aim), took])
+    return word_table(heads, rows, "Methods that were compared")
+
+
+def _settings(comparison: Comparison) -> Html:
     general = {
         "mipbake": __version__,
         "material model": comparison.model,
@@ -86,47 +88,27 @@ def settings(comparison: Comparison) -> Html:
         **{key.replace("_", " "): _value(value) for key, value in comparison.settings.items()},
     }
     seconds = {phase: f"{value:.1f} s" for phase, value in comparison.seconds.items()}
-    return element(
-        "div",
-        element("div", element("h3", "Settings"), _listed(general)),
-        element("div", element("h3", "What it took"), _listed(seconds)) if seconds else None,
-        class_="columns",
-    )
-
-
-def _listed(entries: Mapping[str, str]) -> Html:
-    return element("dl", [(element("dt", key), element("dd", value)) for key, value in entries.items()])
+    columns = [
+        element(
+            "div", element("h3", head), element("dl", [(element("dt", k), element("dd", v)) for k, v in each.items()])
+        )
+        for head, each in (("Settings", general), ("What it took", seconds))
+        if each
+    ]
+    return element("div", columns, class_="columns")
 
 
 def _value(value: Any) -> str:
     if isinstance(value, Mapping):
         return ", ".join(f"{key} {_value(item)}" for key, item in value.items())
-    if isinstance(value, list | tuple):
-        return ", ".join(_value(item) for item in value)
     if isinstance(value, bool):
         return "yes" if value else "no"
     return f"{value:g}" if isinstance(value, float) else DASH if value is None else str(value)
 
 
-def _count(names: Mapping[str, str]) -> str:
-    renders = sum(name.endswith(".exr") for name in names)
-    kept = f" and {renders} renders as EXR files" if renders else ""
-    return f"{len(names) - renders} images as PNG files{kept}"
-
-
-def files(results: str, images: Mapping[str, str]) -> Html:
-    """Links to what lies beside the page; `images` is file to what it shows, pictures and kept renders."""
+def _files(results: str, images: Mapping[str, str]) -> Html:
+    """Links to what lies beside the page."""
     links = [element("li", element("a", label, href=file)) for file, label in images.items()]
-    return element(
-        "div",
-        element(
-            "p", element("a", results, href=results), ": every figure on this page, curves in steps of a quarter level."
-        ),
-        element(
-            "details",
-            element("summary", _count(images)),
-            element("ul", links, class_="files"),
-        )
-        if links
-        else None,
-    )
+    figures = element("a", results, href=results), ": every figure on this page, curves in steps of a quarter level."
+    listed = folded(f"{len(links)} images as PNG files", element("ul", links, class_="files")) if links else None
+    return element("div", element("p", *figures), listed)

@@ -46,15 +46,30 @@ def element(tag: str, *children: Content, **attributes: Attribute) -> Html:
     return Html(f"<{start}>{joined(children)}</{tag}>")
 
 
-def joined(content: Content, between: str = "") -> Html:
-    """All parts as markup, one after the other, with text between them."""
+def region(label: str, *children: Content, class_: str = "scroll") -> Html:
+    """A named part of the page that scrolls sideways where it is too wide."""
+    return element("div", *children, class_=class_, tabindex=0, role="region", aria_label=label)
+
+
+def note(*content: Content) -> Html:
+    """A paragraph in small print."""
+    return element("p", *content, class_="note")
+
+
+def folded(label: str, content: Content) -> Html:
+    """A part that is folded away until a reader opens it."""
+    return element("details", element("summary", label), content)
+
+
+def joined(content: Content) -> Html:
+    """All parts as markup, one after the other."""
     if content is None:
         return Html("")
     if isinstance(content, Html):
         return content
     if isinstance(content, str | int | float):
         return Html(html.escape(str(content)))
-    return Html(html.escape(between).join(joined(part) for part in content))
+    return Html("".join(joined(part) for part in content))
 
 
 def listed(words: Iterable[str]) -> str:

@@ -1,44 +1,56 @@
 """The verdict: what films show of the subject, then where it is ahead, where behind, and where no difference shows, in
 decibels of SNR.
 
-A difference in decibels counts where its confidence interval does not hold 0. `snr-gain` is that difference, with an
-interval over the same light-view pairs; where it was not measured, two figures differ if their own intervals do not
-overlap, which is a far stricter test, because what all methods find hard is in every figure.
+In films ColorVideoVDP decides where it judged, and FLIP where it did not. A difference in decibels counts where its
+confidence interval does not hold 0. `snr-gain` is that difference, with an interval over the same light-view pairs;
+where it was not measured, two figures differ if their own intervals do not overlap, which is a far stricter test,
+because what all methods find hard is in every figure.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+from mipbake.comparing.films import FILM
 from mipbake.comparing.page.markup import listed
-from mipbake.comparing.page.seen import Seen, alone_sentence, seen, seen_sentence
-from mipbake.comparing.ranking import LINEAR, OPTIMUM, closed_forms
-from mipbake.comparing.result import Comparison
-from mipbake.quality.figures import SCALES, SNR_GAIN, Figure
-from mipbake.quality.metrics import PAIR_SETS
+from mipbake.comparing.result import LINEAR, OPTIMUM, Comparison
+from mipbake.quality.figures import SCALES, SNR_GAIN
+from mipbake.quality.metrics import MEASURES, PAIR_SETS
 
 PLACES = {"near-mirror": "near the mirror", "hemisphere": "over the hemisphere"}
 """Pair sets as sentences call them."""
 
-_VISIBLE = 0.05  # dB: less rounds to 0.0
+VISIBLE_JOD = 0.1
+"""A smaller difference in JOD is none that is visible. A guess: 53 in 100 people would prefer the better film."""
+
+VISIBLE_FLIP = 0.05
+"""A smaller difference in FLIP, as a share of the greater FLIP, is none that is visible."""
+
+_JUDGES = ("jod-37", "flip")  # of films: the first of them that was measured decides
+_LEAST_DECIBELS = 0.05  # less rounds to 0.0
 
 
 @dataclass(frozen=True)
 class Difference:
-    """How far the subject is ahead of a method, at one scale of one pair set.
+    """How far the subject is ahead of a method, in a film or at one scale of one pair set.
 
     Args:
-        view, scale: as in `Figure`.
+        measure, view, scale: as in `Figure`.
         rival: the method.
-        gain: in dB, positive where the subject is ahead; low, high: its 95 % interval, nan where it has none.
-        outcome: 1 ahead, -1 behind, 0 no difference.
+        own, other: figures of the subject and of the method.
+        gain: how much better the subject is, in units of the measure; negative where it is worse.
+        low, high: the gain's 95 % interval, nan where it has none.
+        outcome: 1 better, -1 worse, 0 no difference.
     """
 
+    measure: str
     view: str
     scale: str
     rival: str
+    own: float
+    other: float
     gain: float
     low: float
     high: float
@@ -62,33 +74,160 @@ class Verdict:
     linear: tuple[Difference, ...]
     gap: dict[tuple[str, str], float]
     paired: bool
-    seen_closed: tuple[Seen, ...] = ()
-    seen_linear: tuple[Seen, ...] = ()
+    seen_closed: tuple[Difference, ...]
+    seen_linear: tuple[Difference, ...]
 
 
 def verdict(comparison: Comparison) -> Verdict:
     """What the figures of a comparison say."""
-    subject = comparison.subject
-    rivals = closed_forms(comparison)
-    best = [d for key in _measured(comparison) if (d := _best(comparison, rivals, *key))]
-    linear = [d for key in _measured(comparison) if subject != LINEAR and (d := difference(comparison, LINEAR, *key))]
+    subject, found = comparison.subject, comparison.figures
+    measured = {(f.view, f.scale) for f in found if f.measure == "snr" and f.method == subject}
+    places = [("snr", view, scale) for view in PAIR_SETS for scale in SCALES if (view, scale) in measured]
+    best, linear = _against(comparison, places)
     gap = {(d.view, d.scale): share for d in best if (share := _closed_gap(comparison, d)) is not None}
     names = {d.rival for d in best}
     against = f"{next(iter(names))}, the best closed form," if len(names) == 1 else "the best closed form of each scale"
-    if len(rivals) == 1:  # to be the best of one is not praise
-        against = rivals[0]
+    if len(comparison.closed_forms) == 1:  # to be the best of one is not praise
+        against = comparison.closed_forms[0]
     clauses: list[str] = []
-    for name, found in ((against, best), (LINEAR, linear if names != {LINEAR} else [])):
-        if found:
-            clauses.append(f"{'it' if clauses else subject} {_outcome(name, found)}")
-    films = seen(comparison)
-    looks = seen_sentence(subject, *films)
+    for name, differences in ((against, best), (LINEAR, linear if names != {LINEAR} else ())):
+        if differences:
+            clauses.append(f"{'it' if clauses else subject} {_in_decibels(name, differences)}")
+    films = _against(comparison, _judged(comparison))
+    looks = _in_films(subject, *films)
     lead = f"{looks} In decibels of SNR under single lights, " if looks else ""
-    sentence = f"{lead}{'; '.join(clauses)}." if clauses else looks
-    sentence = sentence or alone_sentence(comparison)
+    sentence = f"{lead}{'; '.join(clauses)}." if clauses else looks or _alone(comparison)
     sentence = sentence or f"Nothing was measured that {subject} could be compared by."
-    paired = any(figure.measure == SNR_GAIN for figure in comparison.figures)
-    return Verdict(sentence, tuple(best), tuple(linear), gap, paired, *films)
+    return Verdict(sentence, best, linear, gap, any(f.measure == SNR_GAIN for f in found), *films)
+
+
+def difference(comparison: Comparison, rival: str, measure: str, view: str, scale: str) -> Difference | None:
+    """How far the subject is ahead of a method; None where one of them was not measured."""
+    own, other = (comparison.find(name, measure, view, scale) for name in (comparison.subject, rival))
+    if own is None or other is None or math.isnan(own.value - other.value):
+        return None
+    low = high = math.nan
+    gain = own.value - other.value if MEASURES[measure].direction == "higher" else other.value - own.value
+    if measure == "snr":
+        paired, least = comparison.find(rival, SNR_GAIN, view, scale), _LEAST_DECIBELS
+        if paired is not None and not math.isnan(paired.value + paired.low + paired.high):
+            gain, low, high = paired.value, paired.low, paired.high
+            differ = low > 0 or high < 0
+        else:
+            differ = not (own.low <= other.high and other.low <= own.high)  # true also where there is no interval
+    else:
+        least = VISIBLE_FLIP * max(own.value, other.value) if measure == "flip" else VISIBLE_JOD
+        differ = gain != 0
+    outcome = int(math.copysign(1, gain)) if differ and abs(gain) >= least else 0
+    return Difference(measure, view, scale, rival, own.value, other.value, gain, low, high, outcome)
+
+
+def _against(
+    comparison: Comparison, places: Sequence[tuple[str, str, str]]
+) -> tuple[tuple[Difference, ...], tuple[Difference, ...]]:
+    """The subject at each measure, view and scale against the best closed form there, and against `linear (box)`."""
+    closed, linear = [], []
+    for place in places:
+        found = [d for name in comparison.closed_forms if (d := difference(comparison, name, *place))]
+        closed += [min(found, key=lambda d: d.gain)] if found else []
+        linear += [difference(comparison, LINEAR, *place)] if comparison.subject != LINEAR else []
+    return tuple(closed), tuple(d for d in linear if d)
+
+
+def _closed_gap(comparison: Comparison, found: Difference) -> float | None:
+    """(SNR - best closed form) / (optimum - best closed form), where the optimum is ahead of the closed form."""
+    optimum = comparison.find(OPTIMUM, "snr", found.view, found.scale)
+    if optimum is None or comparison.subject == OPTIMUM:
+        return None
+    room = optimum.value - found.other
+    return found.gain / room if room > _LEAST_DECIBELS else None
+
+
+def _in_decibels(rival: str, found: Sequence[Difference]) -> str:
+    """What a sentence says of differences to one rival: `beats linear (box) near the mirror at every scale (...)`."""
+    parts: list[str] = []
+    for outcome, verb in ((1, "beats"), (-1, "loses to")):
+        places = [_places(found, view, outcome) for view in dict.fromkeys(d.view for d in found)]
+        if any(places):
+            parts.append(f"{verb} {'it' if parts else rival} {listed(place for place in places if place)}")
+    if not parts:
+        return f"shows no difference from {rival} at any scale"
+    if any(d.outcome == 0 for d in found):
+        parts.append("shows no difference elsewhere")
+    return listed(parts)
+
+
+def _places(found: Sequence[Difference], view: str, outcome: int) -> str:
+    """`near the mirror at near and 1:1 (by 1.2 to 3.4 dB)`: where in a pair set an outcome is to be seen."""
+    here = [d for d in found if d.view == view]
+    chosen = [d for d in here if d.outcome == outcome]
+    if not chosen:
+        return ""
+    every = len(chosen) == len(here) and len(here) > 1
+    where = "at every scale" if every else f"at {listed(d.scale for d in chosen)}"
+    low, high = (f"{f(abs(d.gain) for d in chosen):.1f}" for f in (min, max))
+    return f"{PLACES[view]} {where} (by {low if low == high else f'{low} to {high}'} dB)"
+
+
+# ---- films
+
+
+def film_named(view: str) -> str:
+    """`the floor`: what a sentence calls the film with the view `film-floor`."""
+    return f"the {view.removeprefix(FILM).replace('-', ' ')}"
+
+
+def _judged(comparison: Comparison) -> list[tuple[str, str, str]]:
+    """The measure that decides in films, and the view and scale of every film; empty where none was measured."""
+    films = list(dict.fromkeys(f.view for f in comparison.figures if f.view.startswith(FILM)))
+    found = {figure.measure for figure in comparison.figures if figure.view in films}
+    return [(measure, film, "") for measure in [each for each in _JUDGES if each in found][:1] for film in films]
+
+
+def _in_films(subject: str, closed: Sequence[Difference], linear: Sequence[Difference]) -> str:
+    """What films show, for people; empty where there is no film."""
+    names = {d.rival for d in closed}
+    best = f"{next(iter(names))}, the best closed form of every film," if len(names) == 1 else ""
+    groups = [(LINEAR, linear), (best or "the best closed form of each film", closed if names != {LINEAR} else ())]
+    clauses = [_looks(name, found) for name, found in groups if found]
+    if not clauses:
+        return ""
+    judge = "FLIP" if (*closed, *linear)[0].measure == "flip" else "ColorVideoVDP"
+    return f"In films, as {judge} judges them, {subject} {'; it '.join(clauses)}."
+
+
+def _looks(rival: str, found: Sequence[Difference]) -> str:
+    """`looks better than linear (box) on the floor (by 0.42 JOD) and shows no visible difference on the wall`."""
+    parts: list[str] = []
+    for outcome, word in ((1, "better"), (-1, "worse")):
+        places = [f"on {film_named(d.view)} ({_by(d)})" for d in found if d.outcome == outcome]
+        if places:
+            parts.append(f"looks {word} than {'it' if parts else rival} {listed(places)}")
+    same = [film_named(d.view) for d in found if d.outcome == 0]
+    if same:
+        where = f"on {listed(same)}" if parts or len(found) == 1 else "in any film"
+        parts.append(f"shows no visible difference{'' if parts else f' from {rival}'} {where}")
+    return listed(parts)
+
+
+def _by(found: Difference) -> str:
+    if found.measure == "flip":
+        return f"{found.own:.3f} instead of {found.other:.3f}"
+    return f"by {abs(found.gain):.2f} JOD"
+
+
+def _alone(comparison: Comparison) -> str:
+    """What films say of a subject without a closed form beside it; empty where there is one, or no film."""
+    places = _judged(comparison) if not comparison.closed_forms else []
+    judge, best, digits = ("FLIP", 0, 3) if places and places[0][0] == "flip" else ("JOD of ColorVideoVDP", 10, 2)
+    found = [(view, comparison.find(comparison.subject, measure, view, "")) for measure, view, _ in places]
+    figures = [f"{f.value:.{digits}f} on {film_named(view)}" for view, f in found if f and not math.isnan(f.value)]
+    if not figures:
+        return ""
+    return (
+        f"{comparison.subject} was compared with no closed form. Its films have {listed(figures)}, in {judge}: {best} "
+        "is no visible difference from the reference."
+    )
 
 
 def best_in_renders(comparison: Comparison) -> str:
@@ -108,75 +247,3 @@ def best_in_renders(comparison: Comparison) -> str:
         where = [f"on the {view}" + (f" at {listed(scales)}" if all(scales) else "") for view, scales in views.items()]
         parts.append(f"with {method} {listed(where)}")
     return f"In renders, FLIP is the lowest {listed(parts)}." if parts else ""
-
-
-def difference(comparison: Comparison, rival: str, view: str, scale: str) -> Difference | None:
-    """How far the subject is ahead of a method; None where one of them was not measured."""
-    own, other = (_figure(comparison, name, "snr", view, scale) for name in (comparison.subject, rival))
-    if own is None or other is None or math.isnan(own.value - other.value):
-        return None
-    gain = own.value - other.value
-    paired = _figure(comparison, rival, SNR_GAIN, view, scale)
-    if paired is not None and not math.isnan(paired.value + paired.low + paired.high):
-        gain, low, high = paired.value, paired.low, paired.high
-        differ = low > 0 or high < 0
-    else:
-        low = high = math.nan
-        differ = not (own.low <= other.high and other.low <= own.high)  # true also where there is no interval
-    outcome = int(math.copysign(1, gain)) if differ and abs(gain) >= _VISIBLE else 0
-    return Difference(view, scale, rival, gain, low, high, outcome)
-
-
-def _measured(comparison: Comparison) -> list[tuple[str, str]]:
-    """View and scale of the subject's SNR, in the order of pair sets and scales."""
-    found = {(f.view, f.scale) for f in comparison.figures if f.measure == "snr" and f.method == comparison.subject}
-    return [(view, scale) for view in PAIR_SETS for scale in SCALES if (view, scale) in found]
-
-
-def _best(comparison: Comparison, rivals: Iterable[str], view: str, scale: str) -> Difference | None:
-    found = [d for name in rivals if (d := difference(comparison, name, view, scale))]
-    return min(found, key=lambda d: d.gain, default=None)
-
-
-def _closed_gap(comparison: Comparison, found: Difference) -> float | None:
-    """(SNR - best closed form) / (optimum - best closed form), where the optimum is ahead of the closed form."""
-    optimum = _figure(comparison, OPTIMUM, "snr", found.view, found.scale)
-    rival = _figure(comparison, found.rival, "snr", found.view, found.scale)
-    if optimum is None or rival is None or comparison.subject == OPTIMUM:
-        return None
-    room = optimum.value - rival.value
-    return found.gain / room if room > _VISIBLE else None
-
-
-def _figure(comparison: Comparison, method: str, measure: str, view: str, scale: str) -> Figure | None:
-    try:
-        return comparison.figure(method, measure, view, scale)
-    except KeyError:
-        return None
-
-
-def _outcome(rival: str, found: Sequence[Difference]) -> str:
-    """What a sentence says of differences to one rival: `beats linear (box) near the mirror at every scale (...)`."""
-    named, parts = False, []
-    for outcome, verb in ((1, "beats"), (-1, "loses to")):
-        places = [_places(found, view, outcome) for view in dict.fromkeys(d.view for d in found)]
-        if any(places):
-            parts.append(f"{verb} {'it' if named else rival} {listed(place for place in places if place)}")
-            named = True
-    if not parts:
-        return f"shows no difference from {rival} at any scale"
-    if any(d.outcome == 0 for d in found):
-        parts.append("shows no difference elsewhere")
-    return listed(parts)
-
-
-def _places(found: Sequence[Difference], view: str, outcome: int) -> str:
-    """`near the mirror at near and 1:1 (by 1.2 to 3.4 dB)`: where in a pair set an outcome is to be seen."""
-    here = [d for d in found if d.view == view]
-    chosen = [d for d in here if d.outcome == outcome]
-    if not chosen:
-        return ""
-    every = len(chosen) == len(here) and len(here) > 1
-    where = "at every scale" if every else f"at {listed(d.scale for d in chosen)}"
-    low, high = (f"{f(abs(d.gain) for d in chosen):.1f}" for f in (min, max))
-    return f"{PLACES[view]} {where} (by {low if low == high else f'{low} to {high}'} dB)"

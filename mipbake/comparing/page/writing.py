@@ -3,33 +3,31 @@
 from __future__ import annotations
 
 import json
-import shutil
+import math
 from collections.abc import Callable, Mapping
+from dataclasses import asdict, is_dataclass
 from pathlib import Path
+from typing import Any
 
 from mipbake.base import json_text
 from mipbake.base.publish import check_place, published
 from mipbake.base.version import __version__
 from mipbake.comparing.page.document import RESULTS, document
 from mipbake.comparing.page.pictures import IMAGES, Album
-from mipbake.comparing.page.plain import plain
 from mipbake.comparing.result import Comparison
-from mipbake.comparing.viewer import Source
-from mipbake.stack.stack import MipStack
+from mipbake.material.filtered_source import FilteredSource
 
 SCHEMA = "mipbake-comparison"
 SCHEMA_VERSION = 1
 
-PAGE, RENDERS = "index.html", "renders"
+PAGE = "index.html"
 
 
 def write_report(
     comparison: Comparison,
-    stacks: Mapping[str, MipStack],
-    source: Source | None,
+    source: FilteredSource | None,
     folder: Path,
     progress: Callable[[str, float], None] = lambda _phase, _share: None,
-    renders: Path | None = None,
 ) -> list[Path]:
     """Writes a report into a folder, which appears under its name when it is complete.
 
@@ -37,13 +35,9 @@ def write_report(
 
     Args:
         comparison: what was found.
-        stacks: name of a method to its stack, as far as there are stacks. The interactive view holds the subject's, the
-            best closed form's and the stack of `linear (box)`, cropped where they are large; levels of the subject and
-            of `linear (box)` are shown as thumbnails.
-        source: level 0 before prefiltering, for the view's reference.
+        source: what the reference of the interactive view filters; None for a view without one.
         folder: where to. Missing parent folders are made.
-        progress: told "report" and the finished share, from 0 to 1.
-        renders: a folder of EXR files to copy into the report.
+        progress: called with "report" and the finished share, from 0 to 1.
 
     Returns:
         The files: index.html, results.json, then the images.
@@ -51,18 +45,11 @@ def write_report(
     Raises:
         OutputError: the folder cannot be written, or holds something else.
     """
-    results = {"schema": SCHEMA, "schema_version": SCHEMA_VERSION, "tool_version": __version__} | plain(
-        comparison.to_dict()
-    )
+    results = {"schema": SCHEMA, "schema_version": SCHEMA_VERSION, "tool_version": __version__}
     with published(folder, is_report) as partial:
         album = Album(partial)
-        if renders is not None:
-            (partial / RENDERS).mkdir()
-            for file in sorted(renders.glob("*.exr")):
-                shutil.copyfile(file, partial / RENDERS / file.name)
-                album.files[f"{RENDERS}/{file.name}"] = f"candidate, reference, error, lod and uv of {file.stem}"
-        page = document(comparison, stacks, source, album, lambda share: progress("report", share))
-        text = json.dumps(results, indent=2, allow_nan=False, ensure_ascii=False)
+        page = document(comparison, source, album, lambda share: progress("report", share))
+        text = json.dumps(_plain(results | comparison.to_dict()), indent=2, allow_nan=False, ensure_ascii=False)
         # Names of files need not be UTF-8: what cannot be encoded is escaped, as JSON escapes it.
         (partial / RESULTS).write_text(text + "\n", encoding="utf-8", errors="backslashreplace")
         (partial / PAGE).write_text(page, encoding="utf-8", errors="backslashreplace")
@@ -76,19 +63,32 @@ def check_report(folder: Path) -> None:
 
 
 def is_report(folder: Path) -> bool:
-    """Whether a folder holds a report (and the renders kept with it) and nothing else."""
+    """Whether a folder holds a report and nothing else."""
     try:
         if json_text.parsed((folder / RESULTS).read_bytes())["schema"] != SCHEMA:
             return False
-        kinds = {IMAGES: ".png", RENDERS: ".exr"}
-        return all(
-            (path.is_file() and path.name in (PAGE, RESULTS))
-            or (path.is_dir() and path.name in kinds and _holds_only(path, kinds[path.name]))
-            for path in folder.iterdir()
-        )
+        images = folder / IMAGES
+        inside = [*folder.iterdir(), *(images.iterdir() if images.is_dir() else ())]
     except (OSError, ValueError, KeyError, TypeError):
         return False
+    return all(
+        path == images
+        if path.is_dir()
+        else path.suffix == ".png"
+        if path.parent == images
+        else path.name in (PAGE, RESULTS)
+        for path in inside
+    )
 
 
-def _holds_only(folder: Path, suffix: str) -> bool:
-    return all(path.is_file() and path.suffix == suffix for path in folder.iterdir())
+def _plain(value: Any) -> Any:
+    """The value in types that JSON has: dataclasses become dictionaries, paths text, what is not finite None."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return _plain(asdict(value))
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, str | int) else str(value)

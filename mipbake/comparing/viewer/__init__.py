@@ -8,14 +8,12 @@ were baked, none is made in the browser. Each side looks up its stack once per p
 from __future__ import annotations
 
 import base64
-import html
 import json
 import math
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
-from string import Template
 from typing import Any
 
 import numpy as np
@@ -23,35 +21,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from mipbake.base.errors import UsageError
 from mipbake.material import MODELS, Kind, model_named
+from mipbake.material.filtered_source import FilteredSource
 from mipbake.material.pixel_filter import Wrap, filter_named
 from mipbake.source.layout import LAYOUTS, to_file
 from mipbake.stack.stack import MipStack
 
-__all__ = ["DEFAULT_LIGHTS", "MAX_LIGHTS", "LightSet", "Source", "texel_bytes", "viewer_fragment", "viewer_page"]
-
-MAX_LIGHTS = 64
-"""Directional lights in a set, at most: what every device with WebGL 2 has uniforms for."""
+__all__ = ["LIGHTS", "texel_bytes", "viewer_fragment"]
 
 _SCRIPTS = ("shaders.js", "shapes.js", "renderer.js", "viewer.js")
 
 _FILTER_BINS = 1024
-
-
-@dataclass(frozen=True, eq=False)
-class Source:
-    """What the reference is made from: level 0 before any prefiltering.
-
-    Args:
-        stored: (H, W, C) float32 stored channels.
-        model: a name in `mipbake.material.MODELS`; it may differ from the model of the stacks.
-        wrap: addressing along u and v, each "wrap" or "clamp".
-        name: what the viewer calls it.
-    """
-
-    stored: NDArray[np.float32]
-    model: str
-    wrap: Wrap = ("wrap", "wrap")
-    name: str = "reference"
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +39,8 @@ class LightSet:
 
     Args:
         name: what the viewer calls it.
-        directions: (K, 3) unit vectors towards the lights, in the world: y up, a viewer in front at +z.
+        directions: (K, 3) unit vectors towards the lights, in the world: y up, a viewer in front at +z. K is 64 at
+            most: what every device with WebGL 2 has uniforms for.
         radiance: (K, 3) linear, times the solid angle that each light stands for.
         height: degrees by which the viewer lifts +z of the set at first; 0 leaves the set as it is.
     """
@@ -81,7 +61,7 @@ def _soft_box(towards: ArrayLike, half_width: float, strength: float, colour: Ar
     return directions, np.broadcast_to(np.asarray(colour, np.float64) * strength / 9, (9, 3))
 
 
-def _default_lights() -> tuple[LightSet, ...]:
+def _light_sets() -> tuple[LightSet, ...]:
     one = np.array([[0.0, 0.0, 1.0]])
     three = np.array([[-0.5, 0.62, 0.6], [0.85, 0.4, 0.35], [0.1, 0.45, -0.9]])
     boxes = (
@@ -100,51 +80,29 @@ def _default_lights() -> tuple[LightSet, ...]:
     )
 
 
-DEFAULT_LIGHTS: tuple[LightSet, ...] = _default_lights()
-"""Three separate lights, one light, and three soft boxes of nine lights each."""
+LIGHTS: tuple[LightSet, ...] = _light_sets()
+"""Three separate lights, one light, and three soft boxes of nine lights each; the first one at first."""
 
 
-def viewer_page(
-    title: str,
-    stacks: Mapping[str, MipStack],
-    source: Source | None = None,
-    lights: Sequence[LightSet] = DEFAULT_LIGHTS,
-    pixel_filter: str = "gaussian",
-    half: bool = False,
-) -> str:
-    """A complete HTML page with the viewer in it; it needs no network and a browser with WebGL 2.
+def viewer_fragment(stacks: Mapping[str, MipStack], source: FilteredSource | None = None, half: bool = False) -> str:
+    """The viewer as a piece of HTML for the body of a page; it needs no network and a browser with WebGL 2.
+
+    Its style rules begin with `mv-` or `mipbake-viewer`, and its script leaves no global name. A page may hold several.
 
     Args:
-        title: the page's heading.
         stacks: the name that the viewer shows, to the stack; the first and the last one are compared at first.
         source: what the reference supersamples; without it there is no reference. With it, B is the reference at first
             where there is one stack.
-        lights: the light sets to choose from, the first one at first; up to 64 lights each.
-        pixel_filter: a name in `mipbake.material.pixel_filter.FILTERS`, the reference's.
         half: texels in half floats, twice as large, instead of 8 bits (colours sRGB-encoded) as most engines store
             them. Stacks of models that store logarithms are in half floats always.
 
     Raises:
-        UsageError: no stack, an unknown filter or model, a source or lights that do not have the shape described.
+        UsageError: no stack, or a source with an unknown filter or model.
     """
-    fragment = viewer_fragment(stacks, source, lights, pixel_filter, half)
-    return Template(_text("page.html")).substitute(title=html.escape(title), viewer=fragment)
-
-
-def viewer_fragment(
-    stacks: Mapping[str, MipStack],
-    source: Source | None = None,
-    lights: Sequence[LightSet] = DEFAULT_LIGHTS,
-    pixel_filter: str = "gaussian",
-    half: bool = False,
-) -> str:
-    """The viewer as a piece of HTML for the body of another page: arguments and errors of `viewer_page`.
-
-    Its style rules begin with `mv-` or `mipbake-viewer`, and its script leaves no global name. A page may hold several.
-    """
-    scene = json.dumps(_scene(stacks, source, lights, pixel_filter, half), separators=(",", ":"))
+    scene = json.dumps(_scene(stacks, source, half), separators=(",", ":"))
     scene = scene.replace("</", "<\\/")  # would end the script element
-    script = "\n".join([_surfaces(), *(_text(name) for name in _SCRIPTS)])
+    surfaces = json.dumps({name: model.view.surface for name, model in MODELS.items()})  # of shaders.js, in GLSL
+    script = "\n".join([f"const SURFACE_OF_MODEL = {surfaces};", *(_text(name) for name in _SCRIPTS)])
     return (
         f"<style>\n{_text('viewer.css')}</style>\n"
         '<div class="mipbake-viewer"><noscript>The interactive view needs JavaScript.</noscript>\n'
@@ -153,52 +111,29 @@ def viewer_fragment(
     )
 
 
-def _surfaces() -> str:
-    """What each material model makes of its stored channels, in GLSL, for `shaders.js`."""
-    return f"const SURFACE_OF_MODEL = {json.dumps({name: model.view.surface for name, model in MODELS.items()})};"
-
-
 def _text(name: str) -> str:
     return files(__name__).joinpath(name).read_text(encoding="utf-8")
 
 
-def _scene(
-    stacks: Mapping[str, MipStack], source: Source | None, lights: Sequence[LightSet], pixel_filter: str, half: bool
-) -> dict[str, Any]:
+def _scene(stacks: Mapping[str, MipStack], source: FilteredSource | None, half: bool) -> dict[str, Any]:
     """What the script reads: stacks, source, filter table and lights."""
     if not stacks:
         raise UsageError("the viewer was given no stack: expected at least one")
-    if not lights:
-        raise UsageError("the viewer was given no light set: expected at least one")
-    if source is not None:
-        shape, channels = np.shape(source.stored), model_named(source.model).channels
-        if len(shape) != 3 or shape[-1] != channels or 0 in shape or not np.isfinite(source.stored).all():
-            raise UsageError(f"the viewer's source is {shape}: expected (H, W, {channels}) of finite numbers")
-    offsets, weights = filter_named(pixel_filter).offsets((np.arange(_FILTER_BINS) + 0.5) / _FILTER_BINS)
+    kernel = filter_named(source.pixel_filter if source else "box")  # without a source nothing looks at it
+    offsets, weights = kernel.offsets((np.arange(_FILTER_BINS) + 0.5) / _FILTER_BINS)
     return {
         "stacks": [_packed(name, s.model, s.levels, s.wrap, half) for name, s in stacks.items()],
-        "source": source and _packed(source.name, source.model, [source.stored], source.wrap, half),
+        "source": source and _packed("reference", source.model, [source.stored], source.wrap, half),
         "filter": {"offsets": np.round(offsets, 6).tolist(), "weights": np.round(weights, 6).tolist()},
-        "lights": [_light_set(light) for light in lights],
-    }
-
-
-def _light_set(light: LightSet) -> dict[str, Any]:
-    directions, radiance = np.asarray(light.directions, np.float64), np.asarray(light.radiance, np.float64)
-    count = len(directions)
-    if directions.shape != (count, 3) or radiance.shape != (count, 3) or not 1 <= count <= MAX_LIGHTS:
-        raise UsageError(
-            f"the light set {light.name!r} has directions {directions.shape} and radiance {radiance.shape}: "
-            f"expected (K, 3) both, K from 1 to {MAX_LIGHTS}"
-        )
-    lengths = np.linalg.norm(directions, axis=-1)
-    if not (np.abs(lengths - 1) < 1e-3).all() or not np.isfinite(radiance).all() or (radiance < 0).any():
-        raise UsageError(f"the light set {light.name!r} is expected to have unit directions and radiance from 0 up")
-    return {
-        "name": light.name,
-        "directions": np.round(directions / lengths[:, None], 7).tolist(),
-        "radiance": radiance.tolist(),
-        "height": light.height,
+        "lights": [
+            {
+                "name": light.name,
+                "directions": np.round(light.directions, 7).tolist(),
+                "radiance": light.radiance.tolist(),
+                "height": light.height,
+            }
+            for light in LIGHTS
+        ],
     }
 
 

@@ -1,4 +1,4 @@
-"""What a report says of figures: the verdict, tables, curves, and the colours of error maps."""
+"""What a report says of figures: the verdict in films and decibels, tables, curves, and the colours of error maps."""
 
 from __future__ import annotations
 
@@ -6,34 +6,33 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from mipbake.comparing.page import write_report
 from mipbake.comparing.page.charts import curves
 from mipbake.comparing.page.pictures import displayed_bytes, heat, ramp
-from mipbake.comparing.page.scenes import flip_top
-from mipbake.comparing.page.tables import measure_tables, number, verdict_table
-from mipbake.comparing.page.verdict import best_in_renders, difference, verdict
+from mipbake.comparing.page.scenes import film_names, flip_top
+from mipbake.comparing.page.tables import measure_tables, number, verdict_tables
+from mipbake.comparing.page.verdict import VISIBLE_JOD, best_in_renders, verdict
 from mipbake.comparing.result import Comparison
-from mipbake.quality.figures import SNR_GAIN, Figure, Method
+from mipbake.quality.figures import SNR_GAIN, Figure
 
-from .report_cases import NAMES, Page, made_up, method
+from .report_cases import NAMES, Page, film_figures, filmed, made_up, method
 
 FEW = ("neural", "linear (box)", "lean (gaussian)")
 
 
-# ---- the verdict
-
-
-def snr(name: str, view_name: str, scale: str, value: float, spread: float = 0.2) -> Figure:
-    return Figure(name, "snr", view_name, scale, 0.0, value, value - spread, value + spread)
+def snr(name: str, view: str, scale: str, value: float, spread: float = 0.2) -> Figure:
+    return Figure(name, "snr", view, scale, 0.0, value, value - spread, value + spread)
 
 
 def compared(figures: Sequence[Figure], names: Sequence[str] = FEW) -> Comparison:
     return Comparison("s", names[0], "gltf", "gaussian", tuple(method(n) for n in names), (), tuple(figures))
+
+
+# ---- decibels
 
 
 def test_the_verdict_says_who_wins_where_and_by_how_much() -> None:
@@ -55,7 +54,7 @@ def test_the_verdict_says_who_wins_where_and_by_how_much() -> None:
         ("lean (gaussian)", 1), ("linear (box)", 1), ("lean (gaussian)", -1), ("lean (gaussian)", 1),
     ]  # fmt: skip
     assert not found.paired and found.gap == {}
-    cells = Page(verdict_table(found)).all("td")
+    cells = Page(verdict_tables(found)).all("td")
     assert [c.get("class") for c in cells[1:]] == ["win", "win", "win", "win", "loss", "win", "tie", "win"]
 
 
@@ -64,15 +63,15 @@ def test_intervals_that_overlap_show_no_difference() -> None:
     figures = [snr("neural", "near-mirror", "near", 15, 2), snr("linear (box)", "near-mirror", "near", 12, 1.5)]
     assert verdict(compared(figures, names)).sentence == "neural shows no difference from linear (box) at any scale."
     worse = snr("lean (gaussian)", "near-mirror", "near", 1, 0.1)
-    assert verdict(compared([*figures, worse])).sentence == (
-        "neural shows no difference from linear (box), the best closed form, at any scale."
-    )
-    apart = [figures[0], snr("linear (box)", "near-mirror", "near", 12, 0.9)]
-    assert verdict(compared(apart, names)).linear[0].outcome == 1
+    said = "neural shows no difference from linear (box), the best closed form, at any scale."
+    assert verdict(compared([*figures, worse])).sentence == said
     without = [replace(f, low=math.nan, high=math.nan) for f in figures]
-    assert verdict(compared(without, names)).linear[0].outcome == 1
-    equal = [without[0], replace(without[1], value=15.03)]
-    assert verdict(compared(equal, names)).linear[0].outcome == 0
+    for changed, outcome in (
+        ([figures[0], snr("linear (box)", "near-mirror", "near", 12, 0.9)], 1),
+        (without, 1),
+        ([without[0], replace(without[1], value=15.03)], 0),
+    ):
+        assert verdict(compared(changed, names)).linear[0].outcome == outcome
 
 
 @pytest.mark.parametrize(("low", "high", "outcome"), [(0.4, 5.0, 1), (-0.1, 5.0, 0), (-5.0, -0.2, -1)])
@@ -83,18 +82,10 @@ def test_paired_intervals_decide_where_they_are(low: float, high: float, outcome
         snr("linear (box)", "hemisphere", "near", 15, 9),
         Figure("linear (box)", SNR_GAIN, "hemisphere", "near", 0, gain, low, high),
     ]
-    comparison = compared(figures, FEW[:2])
-    found = difference(comparison, "linear (box)", "hemisphere", "near")
-    assert found is not None and (found.gain, found.low, found.high, found.outcome) == (gain, low, high, outcome)
-    assert verdict(comparison).paired
-    assert "over the same light-view pairs" in "".join(Page(page_of(comparison)).text)
-
-
-def page_of(comparison: Comparison) -> str:
-    import tempfile
-
-    with tempfile.TemporaryDirectory() as folder:
-        return write_report(comparison, {}, None, Path(folder) / "r")[0].read_text(encoding="utf-8")
+    found = verdict(compared(figures, FEW[:2]))
+    (one,) = found.linear
+    assert (one.gain, one.low, one.high, one.outcome) == (gain, low, high, outcome) and found.paired
+    assert Page(verdict_tables(found)).all("td")[1]["title"].startswith("95 % interval ")
 
 
 def test_the_optimum_is_a_limit_and_no_rival() -> None:
@@ -131,21 +122,81 @@ def test_renders_have_a_say() -> None:
 def test_a_verdict_without_figures() -> None:
     assert verdict(compared([])).sentence == "Nothing was measured that neural could be compared by."
     only = verdict(compared([snr("neural", "hemisphere", "near", 20)], FEW[:1]))
-    assert only.closed == only.linear == ()
+    assert only.closed == only.linear == () and verdict_tables(only) == ""
     nan = [snr("neural", "hemisphere", "near", math.nan), snr("linear (box)", "hemisphere", "near", 3)]
     assert verdict(compared(nan)).closed == ()
 
 
-def test_a_page_of_figures_alone(tmp_path: Path) -> None:
-    """Parts that were not measured are left out."""
-    page = Page(page_of(compared([snr(n, "hemisphere", "near", 20) for n in FEW])))
-    sections = [a["id"] for a in page.all("section")]
-    assert sections == ["figures", "details"]
-    assert not page.all("div", class_="bar js")
-    opened = Comparison(
-        "s", "baked", "gltf", "gaussian", (Method("baked", "neural", "gaussian", "gltf", None, tmp_path),), (), ()
+# ---- films
+
+
+def jods(**films: tuple[float, ...]) -> list[Figure]:
+    return [f for name, row in films.items() for f in film_figures(name, dict(zip(FEW, row, strict=True)))]
+
+
+def with_films(figures: list[Figure], names: tuple[str, ...] = FEW, **changes: Any) -> Comparison:
+    made = made_up(names, 16)
+    return replace(made, figures=(*made.figures, *figures), **changes)
+
+
+def test_the_verdict_says_first_what_films_show() -> None:
+    found = verdict(with_films(jods(floor=(9.0, 8.58, 8.2), wall=(9.7, 9.75, 9.4), sphere=(8.0, 8.05, 8.25))))
+    first, second = found.sentence.split(". ", 1)
+    assert first == (
+        "In films, as ColorVideoVDP judges them, neural looks better than linear (box) on the floor (by 0.42 JOD) and "
+        "shows no visible difference on the wall and the sphere; it looks better than the best closed form of each "
+        "film on the floor (by 0.42 JOD), looks worse than it on the sphere (by 0.25 JOD) and shows no visible "
+        "difference on the wall"
     )
-    assert f"opened from {tmp_path}" in page_of(opened)
+    assert second.startswith("In decibels of SNR under single lights, neural beats")
+    assert [(s.view, s.rival, s.outcome) for s in found.seen_closed] == [
+        ("film-floor", "linear (box)", 1), ("film-wall", "linear (box)", 0), ("film-sphere", "lean (gaussian)", -1),
+    ]  # fmt: skip
+    cells = Page(verdict_tables(found)).all("td")
+    assert [c.get("class") for c in cells[1:7]] == ["win", "tie", "loss", "win", "tie", "tie"]
+    assert cells[1]["title"] == "9.00 and 8.58 JOD"
+
+
+@pytest.mark.parametrize(("ahead", "outcome"), [(VISIBLE_JOD + 0.01, 1), (0.09, 0), (-0.11, -1)])
+def test_a_tenth_of_a_jod_is_visible(ahead: float, outcome: int) -> None:
+    found = verdict(with_films(jods(wall=(9.0 + ahead, 9.0, 8.0))))
+    assert [s.outcome for s in (*found.seen_closed, *found.seen_linear)] == [outcome] * 2
+    words = {1: "looks better than linear (box) on the wall", -1: "looks worse than linear (box) on the wall"}
+    assert f"neural {words.get(outcome, 'shows no visible difference from linear (box) on the wall.')}" in (
+        found.sentence
+    )
+    assert found.sentence.count("linear (box) on the wall") == 1  # the best closed form is not told twice
+
+
+def test_films_without_a_difference_a_judge_or_a_rival() -> None:
+    sentence = verdict(with_films(jods(floor=(9, 9, 8.95), wall=(9, 8.97, 9)))).sentence
+    assert "neural shows no visible difference from linear (box) in any film; it shows no visible" in sentence
+    flip = {"neural": 0.08, "linear (box)": 0.107, "lean (gaussian)": 0.082}
+    found = verdict(with_films(film_figures("floor", {}, flip)))
+    assert found.sentence.startswith(
+        "In films, as FLIP judges them, neural looks better than linear (box) on the floor (0.080 instead of 0.107); "
+        "it shows no visible difference from lean (gaussian), the best closed form of every film, on the floor. "
+    )
+    assert Page(verdict_tables(found)).all("td", class_="win")[0]["title"] == "0.080 and 0.107"
+    assert verdict(made_up(FEW, 16)).sentence.startswith("neural beats")
+    alone = verdict(with_films(film_figures("wall", {"neural": 9.0}), FEW[:1]))
+    assert alone.seen_closed == alone.seen_linear == () and alone.sentence == (
+        "neural was compared with no closed form. Its films have 9.00 on the wall, in JOD of ColorVideoVDP: 10 is no "
+        "visible difference from the reference."
+    )
+    for names, value in ((FEW[:1], math.nan), (FEW[:2], 9.0)):  # nobody's figure, and a closed form without one
+        nothing = with_films(film_figures("wall", {"neural": value}), names, rendered=())
+        assert "compared with no closed form" not in verdict(nothing).sentence
+    only = replace(made_up(FEW, 16), curve=(), figures=tuple(jods(wall=(9, 8, 7))))
+    assert verdict(only).sentence.startswith("In films") and verdict(only).sentence.endswith("(by 1.00 JOD).")
+
+
+def test_the_page_shows_films_of_what_stands_out_and_of_what_is_best() -> None:
+    jod = dict.fromkeys(NAMES, 8.0) | {"lean (box)": 9.0}
+    films = (filmed("floor"), filmed("wall"))
+    names = film_names(with_films(film_figures("floor", jod), NAMES, films=films))
+    assert names == ["neural", "unreal (gaussian)", "linear (box)", "optimum", "lean (box)"]
+    assert film_names(with_films([], NAMES)) == []
 
 
 # ---- tables and curves
@@ -164,9 +215,6 @@ def test_the_best_of_each_column_is_marked_by_what_its_measure_means() -> None:
     assert re.search(r"neural</th><td class=\"best\"", flip)
     assert flicker.count('class="best"') == flip.count('class="best"') == 1
     assert ">\N{EN DASH}</td>" in flicker
-
-
-def test_intervals_are_visible() -> None:
     text = measure_tables(compared([Figure("neural", "snr", "hemisphere", "near", 0, 15.04, -1.21, 20.96)]))
     bounds = "\N{MINUS SIGN}1.2\N{NO-BREAK SPACE}to 21.0"
     assert "15.0" in text and f"<small>{bounds}</small>" in text and f'title="95 % interval {bounds}"' in text
@@ -174,13 +222,11 @@ def test_intervals_are_visible() -> None:
 
 def test_numbers() -> None:
     assert number(12.345, "snr") == "12.3" and number(-3, "snr") == "\N{MINUS SIGN}3.0"
-    assert (
-        number(1.26, SNR_GAIN) == "+1.3"
-        and number(math.inf, "snr") == "∞"
-        and number(math.nan, "flip") == "\N{EN DASH}"
-    )
+    assert number(1.26, SNR_GAIN) == "+1.3" and number(math.inf, "snr") == "∞"
+    assert number(math.nan, "flip") == "\N{EN DASH}"
     assert [number(v, "flip") for v in (0.12345, 0.0123, 123.4)] == ["0.123", "0.0123", "123"]
     assert number(0.0123, "flip", 0.5) == "0.012" and number(1.0, "flicker", 30.0) == "1.00"
+    assert number(9.876, "jod-37") == "9.88"
 
 
 def test_every_curve_is_drawn_and_a_gap_breaks_it() -> None:
@@ -216,26 +262,17 @@ def test_the_ramp_is_even_and_rises() -> None:
     lightness = np.cbrt(cones) @ [0.2104542553, 0.7936177850, -0.0040720468]
     assert (np.diff(lightness[8:]) > 0).all()  # the darkest are as few bytes
     np.testing.assert_allclose(np.diff(lightness[16::24]), 0.88 * 24 / 255, atol=0.012)
-    grey = linear @ [0.2126, 0.7152, 0.0722]
-    assert grey[0] < 0.003 and grey[-1] > 0.8
 
 
-def test_heat_clips_and_uses_few_shades() -> None:
+def test_pictures_and_error_maps_as_bytes() -> None:
     values = np.linspace(-1, 2, 3000, dtype=np.float32).reshape(30, 100)
     pixels = heat(values, 0.5)
     assert (pixels[0, 0] == ramp()[0]).all() and (pixels[-1, -1] == ramp()[-1]).all()
     assert len(np.unique(pixels.reshape(-1, 3), axis=0)) <= 64
     assert (heat(np.array([[np.nan, np.inf]]), 1.0)[0, 0] == ramp()[0]).all()
-
-
-def test_what_is_no_number_is_black() -> None:
     pixels = displayed_bytes(np.array([[[np.nan, -1.0, np.inf], [1.0, 0.0, 3.0]]], np.float32))
     assert pixels.tolist() == [[[0, 0, 255], [188, 0, 225]]]
-
-
-def test_the_scale_of_error_maps_fits_the_errors() -> None:
     comparison = made_up(FEW, 16)
     for size, top in ((0.0, 0.1), (0.15, 0.2), (0.3, 0.3), (1.0, 1.0)):
         rendered = [replace(r, flip={n: np.full_like(f, size) for n, f in r.flip.items()}) for r in comparison.rendered]
         assert flip_top(replace(comparison, rendered=tuple(rendered))) == pytest.approx(top)
-    assert flip_top(replace(comparison, rendered=())) == 1
