@@ -6,11 +6,10 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Optional
 
-import mipbake
 from mipbake.baking import BakeOptions, NotBaked, bake_sources
 from mipbake.base.errors import UsageError
 from mipbake.cli import options
-from mipbake.cli.bake_batch import bake_batch, bake_project, suggest_recursive
+from mipbake.cli.bake_batch import bake_batch, suggest_recursive
 from mipbake.cli.bake_output import Printer, told
 from mipbake.cli.batch_options import BatchFlags, with_project
 from mipbake.cli.session import Session
@@ -39,19 +38,17 @@ def bake(
     """
     session.in_files = True
     batch = with_project(batch, sources)
-    if batch.config is not None:
-        bake_project(session, sources or [], out, wanted, load, batch, memory)
-        return
-    if not sources:
-        raise UsageError(f"missing argument 'SOURCE': expected one or more, or a {PROJECT} in this folder")
-    if out is None:
-        raise UsageError("missing option '--out' / '-o': expected a folder for the stacks")
-    if Path(PROJECT).is_file():
-        session.print(
-            f"note: the {PROJECT} of this folder is not used, because sources are named; --config {PROJECT} uses it"
-        )
-    if batch.any:
-        bake_batch(session, sources, out, wanted, load, batch, memory)
+    if batch.config is None:
+        if not sources:
+            raise UsageError(f"missing argument 'SOURCE': expected one or more, or a {PROJECT} in this folder")
+        if out is None:
+            raise UsageError("missing option '--out' / '-o': expected a folder for the stacks")
+        if Path(PROJECT).is_file():
+            session.print(
+                f"note: the {PROJECT} of this folder is not used, because sources are named; --config {PROJECT} uses it"
+            )
+    if out is None or not sources or batch.any:
+        bake_batch(session, sources or [], out, wanted, load, batch, memory)
         return
     made = bake_sources(sources, out, wanted, load, Printer(session))
     results = [told(each) for each in made]
@@ -59,4 +56,4 @@ def bake(
     if len(sets) > 1:
         session.print(f"{sum(sets)} of {len(sets)} sets baked")
     suggest_recursive(session, [each for each in made if isinstance(each, NotBaked)], out)
-    session.dump({"version": mipbake.__version__, "exit_code": session.exit_code, "results": results})
+    session.results(results)

@@ -1,23 +1,23 @@
-"""What `mipbake bake` says of a batch: a line for each set, how far it has come, and a summary in the end."""
+"""What `mipbake bake` says of a batch: lines for people, a bar, a summary, and the file of --json-log."""
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+import json
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TextIO
 
-import mipbake
 from mipbake.baking import BakedDocument, BakedSet, BakeOptions, NotBaked
 from mipbake.baking.recipe import weights_of
 from mipbake.baking.results import DEFECT, Planned, Result
 from mipbake.base import disk
-from mipbake.base.errors import MipbakeError, UsageError
-from mipbake.cli.batch_options import BatchFlags
-from mipbake.cli.json_log import JsonLog, json_log, lines_of
-from mipbake.cli.session import Session, console
+from mipbake.base.errors import MipbakeError, OutputError, UsageError
+from mipbake.base.publish import reason, writing
+from mipbake.cli.bake_output import told
+from mipbake.cli.batch_options import BatchFlags, check_log
+from mipbake.cli.session import Session, bar, counted, plain
 from mipbake.library import (
     COMMAND_LINE,
     BatchListener,
@@ -46,18 +46,127 @@ if TYPE_CHECKING:
     from rich.progress import TaskID
 
 
+@dataclass(frozen=True)
+class _Call:
+    """What `bake_library` and `watch_library` are called with.
+
+    Args:
+        file: the project file that says so. idle: sentences on what it says of none of these labels.
+    """
+
+    sources: list[Path]
+    out: Path
+    how: BatchOptions
+    options: BakeOptions | None = None
+    load: LoadOptions | None = None
+    choose: Choose | None = None
+    file: Path | None = None
+    idle: Callable[[Sequence[str]], Sequence[str]] | None = None
+
+
+@dataclass
+class JsonLog:
+    """The file, which is made when a batch begins.
+
+    Args:
+        path: None where no log is asked for.
+    """
+
+    session: Session
+    path: Path | None
+    _file: TextIO | None = None
+
+    def open(self) -> None:
+        """Empties the file. OutputError where it cannot be written, or mipbake did not write it."""
+        if self.path is None or self._file is not None:
+            return
+        check_log(self.path)
+        with writing(f"cannot write {self.path}"):
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = self.path.open("w", encoding="utf-8")
+
+    def write(self, result: EntryResult) -> None:
+        """Adds the lines of an entry. Where that fails, it is said, and the batch goes on without the log."""
+        if self._file is None or self._file.closed:
+            return
+        try:
+            self._file.writelines(json.dumps(plain(line), allow_nan=False) + "\n" for line in lines_of(result))
+            self._file.flush()
+        except OSError as error:  # the sets are more than the log
+            self.session.fail(f"cannot write {self.path}: {reason(error)}", OutputError.exit_code)
+            self.close()
+
+    def close(self) -> None:
+        """Closes the file where it is open."""
+        if self._file is not None:
+            with suppress(OSError):  # what could not be written was told
+                self._file.close()
+
+
+def lines_of(result: EntryResult) -> list[dict[str, Any]]:
+    """What became of an entry, for JSON: an object for each set or document."""
+    about = {"entry": result.entry.label}
+    same = {"source": result.entry.source, "ok": True, "exit_code": 0, "unchanged": True}
+    return [{**about, **told(each)} for each in result.results] + [{**about, **same}] * result.unchanged
+
+
 def bake_batch(
     session: Session,
     sources: Sequence[str],
-    out: Path,
+    out: Path | None,
     options: BakeOptions,
     load: LoadOptions,
     flags: BatchFlags,
     memory: int | None,
 ) -> None:
-    """Bakes a batch, and says what happens."""
-    how = replace(_how(session, flags, memory), recursive=flags.recursive)
-    _bake(session, flags, _Call([Path(each) for each in sources], out, options, load, how))
+    """Bakes the sources, or the library of a project file, once or again and again, and says what happens."""
+    how = BatchOptions(
+        jobs=flags.jobs,
+        force=flags.force,
+        dry_run=flags.plans,
+        memory=memory if "memory" in session.given else None,
+        touch=flags.depfile is not None,
+        cluster=flags.cluster,
+        shard=None if flags.shard is None else Shard.parsed(flags.shard),
+    )
+    if flags.config is not None:
+        call = _of_project(flags.config, sources, out, settings_of(options, load, session.given, COMMAND_LINE), how)
+    else:
+        assert out is not None
+        call = _Call([Path(each) for each in sources], out, replace(how, recursive=flags.recursive), options, load)
+    if flags.watch and session.json:
+        raise UsageError("--watch goes on without end, and --json is printed at the end: use --json-log instead")
+    with (
+        closing(JsonLog(session, flags.json_log)) as log,
+        bar(session, "baking", "{task.completed}/{task.total}", "{task.fields[left]}") as shown,
+    ):
+        task = None if shown is None else shown.add_task("", total=None, done="", left="")
+        printer = _Printer(session, log, call, flags.depfile, shown, task)
+        arguments = (call.sources, call.out, call.options, call.load, call.how, printer, call.choose)
+        if not flags.watch:
+            _say(session, flags, call, bake_library(*arguments))
+            return
+        for summary in watch_library(*arguments):
+            _say(session, flags, call, summary)
+            session.print("watching; Ctrl-C ends it")
+
+
+def _of_project(
+    file: Path, sources: Sequence[str], out: Path | None, given: Mapping[str, Any], how: BatchOptions
+) -> _Call:
+    """Baking the library of a project file, or the sources in it; `given`: settings of the command line."""
+    project = read_project(file)
+    how = replace(how, within=tuple(map(Path, sources)))
+    if how.cluster is None:  # what a project file says is about one machine
+        how = replace(how, jobs=how.jobs or project.jobs, memory=how.memory or project.memory)
+    return _Call(
+        [project.library],
+        out or project.out,
+        how,
+        choose=lambda label: project.chosen(label, given),
+        file=file / PROJECT if file.is_dir() else file,
+        idle=project.idle if not how.within and how.shard is None else None,
+    )
 
 
 def suggest_recursive(session: Session, failures: Sequence[NotBaked], out: Path) -> None:
@@ -69,89 +178,10 @@ def suggest_recursive(session: Session, failures: Sequence[NotBaked], out: Path)
             found = found_library([folder], out, lambda _: LoadOptions())
             below = [entry for entry in found.entries if entry.source != folder]
             if below:
-                session.print(f"note: --recursive bakes what lies below {folder}: {_counted(len(below), 'source')}")
+                session.print(f"note: --recursive bakes what lies below {folder}: {counted(len(below), 'source')}")
 
 
-def bake_project(
-    session: Session,
-    sources: Sequence[str],
-    out: Path | None,
-    options: BakeOptions,
-    load: LoadOptions,
-    flags: BatchFlags,
-    memory: int | None,
-) -> None:
-    """Bakes the library of a project file, and says what happens."""
-    file = flags.config or Path(PROJECT)
-    project = read_project(file)
-    given = settings_of(options, load, session.given, COMMAND_LINE)
-    how = replace(_how(session, flags, memory), within=tuple(map(Path, sources)))
-    if how.cluster is None:  # what a project file says is about one machine
-        how = replace(how, jobs=how.jobs or project.jobs, memory=how.memory or project.memory)
-    place = out or project.out
-    whole = not how.within and how.shard is None
-    call = _Call(
-        [project.library],
-        place,
-        how=how,
-        choose=lambda label: project.chosen(label, given),
-        file=file / PROJECT if file.is_dir() else file,
-        idle=project.idle if whole else None,
-    )
-    _bake(session, flags, call)
-
-
-def _how(session: Session, flags: BatchFlags, memory: int | None) -> BatchOptions:
-    return BatchOptions(
-        jobs=flags.jobs,
-        force=flags.force,
-        dry_run=flags.plans,
-        memory=memory if "memory" in session.given else None,
-        touch=flags.depfile is not None,
-        cluster=flags.cluster,
-        shard=None if flags.shard is None else Shard.parsed(flags.shard),
-    )
-
-
-@dataclass(frozen=True)
-class _Call:
-    """What `bake_library` and `watch_library` are called with.
-
-    Args:
-        file: the project file that says so. idle: sentences on what it says of none of these labels.
-    """
-
-    sources: list[Path]
-    out: Path
-    options: BakeOptions | None = None
-    load: LoadOptions | None = None
-    how: BatchOptions | None = None
-    choose: Choose | None = None
-    file: Path | None = None
-    idle: Callable[[Sequence[str]], Sequence[str]] | None = None
-
-
-def _bake(session: Session, flags: BatchFlags, call: _Call) -> None:
-    """Bakes once, or again and again."""
-    if flags.watch and session.json:
-        raise UsageError("--watch goes on without end, and --json is printed at the end: use --json-log instead")
-    with _printer(session, flags, call) as printer:
-        arguments = (call.sources, call.out, call.options, call.load, call.how, printer, call.choose)
-        if not flags.watch:
-            _tell(session, flags, call, bake_library(*arguments))
-            return
-        for summary in watch_library(*arguments):
-            _tell(session, flags, call, summary)
-            session.print("watching; Ctrl-C ends it")
-
-
-@contextmanager
-def _printer(session: Session, flags: BatchFlags, call: _Call) -> Iterator[_Printer]:
-    with json_log(session, flags.json_log) as log, _bar(session) as bar:
-        yield _Printer(session, log, bar, call, flags.depfile)
-
-
-def _tell(session: Session, flags: BatchFlags, call: _Call, summary: Summary) -> None:
+def _say(session: Session, flags: BatchFlags, call: _Call, summary: Summary) -> None:
     """Says what a batch came to."""
     if flags.depfile is not None and not summary.failures:
         write_depfile(flags.depfile, summary, call.out, call.sources, _common(call, summary))
@@ -163,8 +193,7 @@ def _tell(session: Session, flags: BatchFlags, call: _Call, summary: Summary) ->
     for entry in summary.entries:
         for failure in entry.failures:
             session.fail(f"{entry.entry.label}: {failure.error}", failure.error.exit_code)
-    results = [each for entry in summary.entries for each in lines_of(entry)]
-    session.dump({"version": mipbake.__version__, "exit_code": session.exit_code, "results": results})
+    session.results([each for entry in summary.entries for each in lines_of(entry)])
 
 
 def _common(call: _Call, summary: Summary) -> list[Path]:
@@ -182,19 +211,18 @@ class _Printer(BatchListener):
 
     session: Session
     log: JsonLog
-    bar: tuple[Bar, TaskID] | None
     call: _Call
     depfile: Path | None
+    bar: Bar | None
+    task: TaskID | None
     idle: list[str] = field(default_factory=list)
 
     def found(self, entries: Sequence[Entry], notes: Sequence[str], jobs: int) -> None:
         """See BatchListener. UsageError where a file would lie in a result, which is replaced as a whole."""
-        beside = [
-            (what, file) for what, file in (("depfile", self.depfile), ("log", self.log.path)) if file is not None
-        ]
-        for result in (self.call.out / entry.result for entry in entries if beside and entry.result.parts):
-            for what, file in beside:
-                if disk.lies_in(file, result):
+        files = [each for each in (("depfile", self.depfile), ("log", self.log.path)) if each[1] is not None]
+        for result in (self.call.out / entry.result for entry in entries if files and entry.result.parts):
+            for what, file in files:
+                if file is not None and disk.lies_in(file, result):
                     raise UsageError(
                         f"the {what} {file} lies in the result {result}, which is replaced as a whole: choose a place "
                         "outside of it"
@@ -203,10 +231,10 @@ class _Printer(BatchListener):
         if self.call.idle is not None and not self.idle:  # later passes of --watch are about what has changed
             self.idle.extend(self.call.idle([entry.label for entry in entries]))
             notes = [*notes, *self.idle]
-        processes = f", baking with {_counted(jobs, 'process')}" if jobs else ", nothing has changed"
-        self.session.print(*(f"note: {note}" for note in notes), f"found {_counted(len(entries), 'source')}{processes}")
-        if self.bar:
-            self.bar[0].update(self.bar[1], total=len(entries))
+        processes = f", baking with {counted(jobs, 'process')}" if jobs else ", nothing has changed"
+        self.session.print(*(f"note: {note}" for note in notes), f"found {counted(len(entries), 'source')}{processes}")
+        if self.bar is not None and self.task is not None:
+            self.bar.update(self.task, total=len(entries), done=f"0/{len(entries)}")
 
     def left(self, result: EntryResult) -> None:
         """See BatchListener."""
@@ -219,8 +247,9 @@ class _Printer(BatchListener):
             for defect in each.defects if isinstance(each, BakedSet) else ():
                 self.session.fail(f"{result.entry.label}: {defect}", DEFECT)
         self.log.write(result)
-        if self.bar:
-            self.bar[0].update(self.bar[1], completed=progress.done, left=_remaining(progress.seconds_left))
+        if self.bar is not None and self.task is not None:
+            done = f"{progress.done}/{progress.count}"
+            self.bar.update(self.task, completed=progress.done, done=done, left=_remaining(progress.seconds_left))
 
 
 def _line(each: Result, result: EntryResult, progress: Progress) -> str:
@@ -233,8 +262,8 @@ def _line(each: Result, result: EntryResult, progress: Progress) -> str:
         return f"{at} {result.entry.label}: failed{left}"
     if not isinstance(each, (BakedSet, BakedDocument)):
         return f"{at} {result.entry.label}: unchanged{left}"
-    warned = f", {_counted(len(each.warnings), 'warning')}" if isinstance(each, BakedSet) and each.warnings else ""
-    size = f"wrote {each.out}, {_counted(len(each.files), 'file')}, {each.bytes / 1e6:.2f} MB"
+    warned = f", {counted(len(each.warnings), 'warning')}" if isinstance(each, BakedSet) and each.warnings else ""
+    size = f"wrote {each.out}, {counted(len(each.files), 'file')}, {each.bytes / 1e6:.2f} MB"
     if not each.files:  # it lies in the file of its document, whose line follows
         size = f"baked the material {each.out.name}"
     return f"{at} {result.entry.label}: {size} in {result.seconds:.1f} s{warned}{left}"
@@ -250,31 +279,7 @@ def _remaining(seconds: float | None) -> str:
 
 
 def _summary_line(summary: Summary) -> str:
-    documents = f" and {_counted(summary.documents, 'document')}" if summary.documents else ""
+    documents = f" and {counted(summary.documents, 'document')}" if summary.documents else ""
     planned = f"{summary.planned} would be baked, " if summary.planned else ""
-    baked = f"{_counted(summary.baked, 'set')}{documents} baked, "
+    baked = f"{counted(summary.baked, 'set')}{documents} baked, "
     return f"{planned or baked}{summary.unchanged} unchanged, {len(summary.failures)} failed"
-
-
-def _counted(count: int, what: str) -> str:
-    return f"{count} {what}{'' if count == 1 else 'es' if what.endswith('s') else 's'}"
-
-
-@contextmanager
-def _bar(session: Session) -> Iterator[tuple[Bar, TaskID] | None]:
-    """A progress bar on stderr, where stderr is a terminal and the user has not asked for quiet."""
-    if session.quiet or not sys.stderr.isatty():
-        yield None
-        return
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
-    from rich.progress import Progress as RichProgress
-
-    columns = (
-        TextColumn("baking"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("{task.fields[left]}"),
-    )
-    with RichProgress(*columns, console=console(sys.stderr), transient=True) as bar:
-        yield bar, bar.add_task("baking", total=None, left="")

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import signal
+import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 from mipbake.baking import BakedDocument, BakedSet, Listener, NotBaked
@@ -13,7 +16,6 @@ from mipbake.baking.methods import Stop
 from mipbake.baking.options import BakePlan
 from mipbake.baking.results import DEFECT, Planned, Result, Unchanged
 from mipbake.base.timings import Timings
-from mipbake.cli.bake_stopping import Stopping
 from mipbake.cli.session import Session, failed, timings
 from mipbake.cli.tables import description, remarks_of
 from mipbake.source.jobs import Failure, Job
@@ -24,6 +26,35 @@ from mipbake.stack.output import GLB
 from mipbake.stack.packing import Normals
 from mipbake.stack.presets import Preset
 from mipbake.stack.stack import MipStack, Provenance
+
+
+class Stopping:
+    """Hears the first Ctrl-C of a command that comes while a search has something to keep.
+
+    The second one, and any that comes at another time, ends the command as it always does.
+    """
+
+    def __init__(self) -> None:
+        self.asked = False
+
+    @contextmanager
+    def descending(self) -> Iterator[Stop]:
+        """A search has something to keep while the block runs."""
+        before = signal.getsignal(signal.SIGINT)
+        if threading.current_thread() is not threading.main_thread() or not callable(before):
+            yield lambda: self.asked  # nobody can press it here, or it is ignored
+            return
+
+        def hear(number: int, frame: FrameType | None) -> None:
+            if self.asked:
+                before(number, frame)
+            self.asked = True
+
+        signal.signal(signal.SIGINT, hear)
+        try:
+            yield lambda: self.asked
+        finally:
+            signal.signal(signal.SIGINT, before)
 
 
 @dataclass(frozen=True)
@@ -75,7 +106,7 @@ class Printer(Listener):
             f"baked by {made.method}{learned} to {stack.model}, pixel filter {made.pixel_filter}{aimed}, "
             f"{len(stack.levels)} levels",
             *(f"adjusted: {line}" for line in made.adjustments),
-            *promise_lines(made),
+            *measured_lines(made),
             *(line for each in result.costs for line in _cost_lines(each)),
             *(f"warning: {line}" for line in result.warnings if line not in job.warnings),  # which `read` has told
             f"time: {timings.summary()}",
@@ -143,29 +174,29 @@ def _cost_lines(cost: Cost) -> list[str]:
     ]
 
 
-def promise_lines(provenance: Provenance) -> list[str]:
+def measured_lines(made: Provenance) -> list[str]:
     """What was measured, in plain lines: one for each pair set."""
-    promise = provenance.promise
-    if promise is None:
+    measured = made.promise
+    if measured is None:
         return []
+    pair_sets = measured.levels[0].snr
     lines = [
         f"measured at levels and between levels, compared with the best closed form there, {name}: "
-        f"{promise.summary(name)}"
-        for name in promise.levels[0].snr
+        f"{measured.summary(name)}"
+        for name in pair_sets
     ]
-    if promise.visible is not None:
-        lines.append(f"visible error in small pictures: {promise.visible:.0%} of what plain MIP maps have")
-    if promise.looks_plain:
+    if measured.visible is not None:
+        lines.append(f"visible error in small pictures: {measured.visible:.0%} of what plain MIP maps have")
+    if measured.looks_plain:
         lines.append("note: plain MIP maps (--method linear --filter box) look the same under this sampler")
-    looked_at = [*promise.levels, *promise.between]
-    behind = [name for name in promise.levels[0].snr if sum(each.gain(name) for each in looked_at) < 0]
-    if provenance.aim and behind:
+    every = [*measured.levels, *measured.between]
+    if made.aim and any(sum(each.gain(name) for each in every) < 0 for name in pair_sets):
         lines.append(
-            f"note: aim {provenance.aim:g} weighs what people see in moving pictures beside these figures, which are "
+            f"note: aim {made.aim:g} weighs what people see in moving pictures beside these figures, which are "
             "SNR under single lights; --aim 0 asks for the SNR alone"
         )
-    if promise.left_out:
-        lines.append(f"not measured, because the time ran out: {', '.join(promise.left_out)}")
+    if measured.left_out:
+        lines.append(f"not measured, because the time ran out: {', '.join(measured.left_out)}")
     return lines
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -9,6 +10,7 @@ from pathlib import Path
 
 from mipbake.base.errors import UsageError
 from mipbake.base.options import option
+from mipbake.base.publish import check_file
 from mipbake.source.layout import PROJECT
 
 _BATCH = "Batches"
@@ -104,11 +106,29 @@ def _check_files(depfile: Path | None, json_log: Path | None) -> None:
 
         check_depfile(depfile)
     if json_log is not None:
-        from mipbake.cli.json_log import check_log
-
         check_log(json_log)
         if depfile is not None and os.path.realpath(depfile) == os.path.realpath(json_log):
             raise UsageError(f"--depfile and --json-log are both {depfile}: expected two files")
+
+
+_LONGEST = 1 << 26
+"""Bytes of a line of a log at most: what is longer is none of ours."""
+
+
+def check_log(path: Path) -> None:
+    """OutputError where a file is in the way that is no log."""
+    check_file(path, _is_log, "log")
+
+
+def _is_log(path: Path) -> bool:
+    """Whether the first line of a file is one that a log has."""
+    with path.open("rb") as file:
+        first = file.readline(_LONGEST)
+    try:
+        found = json.loads(first)
+    except (ValueError, RecursionError):
+        return False
+    return isinstance(found, dict) and {"entry", "source", "ok", "exit_code"} <= found.keys()
 
 
 def with_project(flags: BatchFlags, sources: Sequence[str] | None) -> BatchFlags:

@@ -15,10 +15,9 @@ from mipbake.baking.methods import METHODS
 from mipbake.base.options import one_of, option, same
 from mipbake.base.timings import Timings
 from mipbake.cli import options
-from mipbake.cli.folders import stack_of
 from mipbake.cli.session import Session, plain, timings
-from mipbake.cli.sources import Sources, over_sets
-from mipbake.cli.tables import table
+from mipbake.cli.sources import Sources, over_sets, stack_of
+from mipbake.cli.tables import ranked_table
 from mipbake.comparing.comparison import Settings
 from mipbake.comparing.comparison import compare as compare_methods
 from mipbake.comparing.conditions import GRAMMAR, parse
@@ -171,7 +170,7 @@ def compare(
         return {"out": place, "files": files, "conditions": outcomes, **comparison.to_dict()}
 
     results = over_sets(session, sources, load, compare_one)
-    session.dump({"version": mipbake.__version__, "exit_code": session.exit_code, "results": results})
+    session.results(results)
 
 
 def _print(session: Session, comparison: Comparison, place: Path, files: Sequence[Path], progress: Timings) -> None:
@@ -188,43 +187,21 @@ def _print(session: Session, comparison: Comparison, place: Path, files: Sequenc
 
 
 def film_table(comparison: Comparison) -> Table:
-    """Methods by film: what ColorVideoVDP says of each, or FLIP where it did not judge; the best is bold."""
-    from rich.text import Text
-
+    """Methods by film: what ColorVideoVDP says of each, or FLIP where it did not judge."""
     judged = any(figure.measure == "jod-37" for figure in comparison.figures)
     measure = MEASURES["jod-37" if judged else "flip"]
-    made = table(f"films, {measure.title}", *(each.scene.name.removeprefix("film-") for each in comparison.films))
-    for shown in made.columns[1:]:
-        shown.justify = "right"
-    names = [method.name for method in comparison.methods]
-    rows = [
-        [comparison.figure(name, measure.name, each.scene.name, "").value for each in comparison.films]
-        for name in names
-    ]
-    least = [min(measure.loss(value) for value in column) for column in zip(*rows, strict=True)]
-    for name, row in zip(names, rows, strict=True):
-        cells = [
-            Text(f"{value:.{2 if judged else 3}f}", "bold" if measure.loss(value) == best else "")
-            for value, best in zip(row, least, strict=True)
-        ]
-        made.add_row(name, *cells)
-    return made
+    scenes = [each.scene.name for each in comparison.films]
+    rows = {}
+    for method in comparison.methods:
+        values = [comparison.figure(method.name, measure.name, scene, "").value for scene in scenes]
+        rows[method.name] = [(f"{value:.{2 if judged else 3}f}", measure.loss(value)) for value in values]
+    return ranked_table(f"films, {measure.title}", [scene.removeprefix("film-") for scene in scenes], rows)
 
 
 def scale_table(comparison: Comparison, pair_set: str) -> Table:
-    """Methods by scale, for one pair set, with 95 % intervals; the best of each column is bold."""
-    from rich.text import Text
-
-    made = table(f"{pair_set}, SNR in dB", *SCALES)
-    for shown in made.columns[1:]:
-        shown.justify = "right"
-    names = [method.name for method in comparison.methods]
-    found = {scale: {name: comparison.figure(name, "snr", pair_set, scale) for name in names} for scale in SCALES}
-    for name in names:
-        cells = []
-        for column in found.values():
-            each = column[name]
-            best = each.value == max(other.value for other in column.values())
-            cells.append(Text(f"{each.value:.1f} [{each.low:.1f}, {each.high:.1f}]", "bold" if best else ""))
-        made.add_row(name, *cells)
-    return made
+    """Methods by scale, for one pair set, with 95 % intervals."""
+    rows = {}
+    for method in comparison.methods:
+        figures = [comparison.figure(method.name, "snr", pair_set, scale) for scale in SCALES]
+        rows[method.name] = [(f"{each.value:.1f} [{each.low:.1f}, {each.high:.1f}]", -each.value) for each in figures]
+    return ranked_table(f"{pair_set}, SNR in dB", list(SCALES), rows)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, Any
 
 import typer
 
@@ -30,7 +30,6 @@ from mipbake.base.options import one_of, option, same
 from mipbake.base.publish import temporary_folder
 from mipbake.base.timings import Timings
 from mipbake.cli import options
-from mipbake.cli.folders import check_names
 from mipbake.cli.session import Session, timings
 from mipbake.cli.sources import Sources
 from mipbake.cli.tables import description, remarks_of
@@ -41,8 +40,6 @@ from mipbake.source.jobs import Failure, Job
 from mipbake.source.options import LoadOptions
 from mipbake.source.texture_set import TextureSet
 from mipbake.stack.containers import DEFAULT_FORMAT, IMAGE_FORMATS
-
-_Write: TypeAlias = "Callable[[TextureSet | Material, Path, Timings], dict[str, Any]]"
 
 
 @dataclass(frozen=True)
@@ -90,58 +87,64 @@ def convert(
     check_device(flags.weights, flags.device)
     if flags.weights is not None:
         method_named(LEARNED, flags.weights, device=flags.device)
-    results: list[dict[str, Any]] = []
-
-    def attempt(source: Path, convert_one: Callable[[], dict[str, Any]]) -> None:
-        try:
-            results.append({"source": source, "ok": True, "exit_code": 0, **convert_one()})
-        except MipbakeError as error:
-            results.append(session.failed(source, error))
-
-    def write(given: TextureSet | Material, place: Path, reading: Timings) -> dict[str, Any]:
-        return _write(session, given, place, to, flags, reading)
-
     every = expand(sources)
     materials = [path for path in every if is_material_folder(path)]
+    results: list[dict[str, Any]] = []
     with temporary_folder() as scratch:
         found = jobs([str(path) for path in every if path not in materials], load, scratch)
-        named = [(name, job.source) for job in found if isinstance(job, Job) for name in job.names.values()]
-        check_names([*_names(materials), *named], "convert")
-        for path in materials:
-            attempt(path, partial(_convert_material, session, path, out, load, write))
+        _check_names(materials, found)
+        work: list[tuple[Path, Callable[[], _Read]]] = [
+            (path, partial(_read_material, session, path, out, load)) for path in materials
+        ]
         for job in found:
             if isinstance(job, Failure):
-                attempt(job.source, partial(_raise, job.error))
+                results.append(session.failed(job.source, job.error))
                 continue
-            for tile in job.parts:
-                attempt(job.source, partial(_convert_set, session, job, tile, out, write))
+            work += [(job.source, partial(_read_set, session, job, tile, out)) for tile in job.parts]
+        for source, read in work:
+            try:
+                done = _write(session, read(), to, flags)
+                results.append({"source": source, "ok": True, "exit_code": 0, **done})
+            except MipbakeError as error:
+                results.append(session.failed(source, error))
     if len(results) > 1:
         session.print(f"{sum(r['ok'] for r in results)} of {len(results)} sets converted")
-    session.dump({"version": mipbake.__version__, "exit_code": session.exit_code, "results": results})
+    session.results(results)
 
 
-def _names(materials: Sequence[Path]) -> list[tuple[str, Path]]:
-    """The names of converted materials; an error in one of them is left for when its turn comes."""
-    named = []
+def _check_names(materials: Sequence[Path], found: Sequence[Job | Failure]) -> None:
+    """UsageError when two sources would be written to one place."""
+    named = [(name, job.source) for job in found if isinstance(job, Job) for name in job.names.values()]
     for path in materials:
-        with contextlib.suppress(MipbakeError):
+        with contextlib.suppress(MipbakeError):  # it is said when its turn comes
             named.append((open_material(path).name, path))
-    return named
+    names: dict[str, Path] = {}
+    for name, source in named:
+        if name in names:
+            raise UsageError(
+                f"{names[name]} and {source} are both called {name}: convert them into different folders, one at a time"
+            )
+        names[name] = source
 
 
-def _raise(error: MipbakeError) -> dict[str, Any]:
-    raise error
+@dataclass(frozen=True)
+class _Read:
+    """What is converted: where to, what it took to read it, and what is said of it in JSON."""
+
+    given: TextureSet | Material
+    place: Path
+    reading: Timings
+    about: object
 
 
-def _convert_material(session: Session, source: Path, out: Path, load: LoadOptions, write: _Write) -> dict[str, Any]:
-    """Converts what was converted before, prints what happened, and returns it for JSON."""
+def _read_material(session: Session, source: Path, out: Path, load: LoadOptions) -> _Read:
+    """Reads what was converted before, and prints what it is."""
     if load != LoadOptions():
         raise UsageError(
             f"{source} holds a converted material, which says itself how it is read: leave out the options for "
             "reading a set"
         )
     with timings(session, source.name) as reading:
-        reading("read", 0.0)
         given = open_material(source)
         reading("read", 1.0)
     place = out / given.name
@@ -152,12 +155,11 @@ def _convert_material(session: Session, source: Path, out: Path, load: LoadOptio
     check_material_output(place, given.provenance.sources)
     height, width = given.stored.shape[:2]
     session.print(f"{source}: {width} x {height}, {given.model}")
-    read = {"name": given.name, "width": width, "height": height, "model": given.model}
-    return {**write(given, place, reading), "set": read}
+    return _Read(given, place, reading, {"name": given.name, "width": width, "height": height, "model": given.model})
 
 
-def _convert_set(session: Session, job: Job, tile: int, out: Path, write: _Write) -> dict[str, Any]:
-    """Converts a texture set, or a tile, prints what happened, and returns it for JSON."""
+def _read_set(session: Session, job: Job, tile: int, out: Path) -> _Read:
+    """Reads a texture set, or a tile, and prints what it is."""
     place = out / job.place / job.names[tile]
     with job.naming():
         check_material_output(place, job.find(tile).hashes)
@@ -167,39 +169,30 @@ def _convert_set(session: Session, job: Job, tile: int, out: Path, write: _Write
             reading("read", 1.0)
         check_material_output(place, given.found.hashes)
         session.print(*description(job, given), *remarks_of(job))
-        return {**write(given, place, reading), "set": job.named(given.found)}
+        return _Read(given, place, reading, job.named(given.found))
 
 
-def _write(
-    session: Session,
-    given: TextureSet | Material,
-    place: Path,
-    to: str,
-    flags: ConvertFlags,
-    reading: Timings,
-) -> dict[str, Any]:
-    with timings(session, place.name) as converting:
-        converting.seconds.update(reading.seconds)
-        made = mipbake.convert(given, to, flags.weights, flags.device)
+def _write(session: Session, read: _Read, to: str, flags: ConvertFlags) -> dict[str, Any]:
+    """Converts and writes, prints what happened, and returns it for JSON."""
+    with timings(session, read.place.name) as converting:
+        converting.seconds.update(read.reading.seconds)
+        made = mipbake.convert(read.given, to, flags.weights, flags.device)
         converting("convert", 1.0)
-        files = made.save(place, flags.format, lambda share: converting("write", share))
+        files = made.save(read.place, flags.format, lambda share: converting("write", share))
     size = sum(file.stat().st_size for file in files)
+    by = made.provenance
+    rule = f"by {by.weights} under the pixel filter {by.pixel_filter}" if by.weights else "unfiltered"
     session.print(
-        f"converted from {made.provenance.source_model} to {made.model}, level 0 alone, {_rule(made)}",
+        f"converted from {by.source_model} to {made.model}, level 0 alone, {rule}",
         f"time: {converting.summary()}",
-        f"wrote {place}: {len(files)} files, {size / 1e6:.2f} MB",
+        f"wrote {read.place}: {len(files)} files, {size / 1e6:.2f} MB",
     )
     return {
-        "out": place,
+        "out": read.place,
         "files": [{"path": file, "bytes": file.stat().st_size} for file in files],
         "bytes": size,
         "format": flags.format,
-        "material": {"model": made.model, "provenance": made.provenance},
+        "material": {"model": made.model, "provenance": by},
         "seconds": converting.seconds,
+        "set": read.about,
     }
-
-
-def _rule(made: Material) -> str:
-    """How a material was converted, in a few words."""
-    by = made.provenance
-    return f"by {by.weights} under the pixel filter {by.pixel_filter}" if by.weights else "unfiltered"

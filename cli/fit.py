@@ -173,7 +173,7 @@ def fit(
             close()
     if len(results) > 1:
         session.print(f"{sum(result['ok'] for result in results)} of {len(results)} sets fitted")
-    session.dump({"version": mipbake.__version__, "exit_code": session.exit_code, "results": results})
+    session.results(results)
 
 
 def _start(

@@ -8,8 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-import mipbake
-from mipbake.cli.session import Session
+from mipbake.cli.session import Session, counted
 from mipbake.source.images.file_facts import FileInfo, ImageInfo
 from mipbake.source.layout import MANIFEST, manifests
 from mipbake.stack.file_info import file_info, stack_info
@@ -43,10 +42,10 @@ def info(
     else:
         file = file_info(path)
         session.print(*_lines(file))
-        session.dump({"version": mipbake.__version__, "files": [file]})
+        session.dump({"files": [file]})
         return
     content: dict[str, Any] = {"tiles": stacks} if len(stacks) > 1 else stacks[0]
-    session.dump({"version": mipbake.__version__, **content})
+    session.dump(content)
 
 
 def _stack(session: Session, path: Path) -> dict[str, Any]:
@@ -56,19 +55,7 @@ def _stack(session: Session, path: Path) -> dict[str, Any]:
     stack = stack_info(where, read_manifest(where))
     files = [file_info(file) for file in stack.files]
     levels = stack.levels or max((len(image.levels) for file in files for image in file.images), default=0)
-    provenance = stack.content.get("provenance")
-    adjusted = provenance.get("adjustments") if isinstance(provenance, dict) else None
-    session.print(
-        f"{path}: {stack.name}, {stack.model}, {stack.width} x {stack.height}, {_counted(levels, 'level')}, "
-        f"wrap {', '.join(stack.wrap)}",
-        f"baked by {stack.method} of mipbake {stack.version}"
-        + (f" with {stack.weights}" if stack.weights else "")
-        + f", pixel filter {stack.pixel_filter}"
-        + (f", sampler {stack.sampler}" if stack.sampler else "")
-        + (f", aim {stack.aim}" if stack.aim else ""),
-        *(f"{name}: normals {convention}" for name, convention in stack.conventions),
-        *(f"adjusted: {told}" for told in (adjusted if isinstance(adjusted, list) else ())),
-    )
+    session.print(f"{path}: {stack.title}, {counted(levels, 'level')}, wrap {stack.wrap}", *stack.about)
     for each in files:
         holds = stack.channels.get(each.path)
         first, *others = _lines(each)
@@ -78,7 +65,7 @@ def _stack(session: Session, path: Path) -> dict[str, Any]:
 
 def _lines(file: FileInfo) -> list[str]:
     channels = f", channels {' '.join(file.channels)}" if file.channels else ""
-    images = "" if file.levels else f", {_counted(len(file.images), 'image')}"
+    images = "" if file.levels else f", {counted(len(file.images), 'image')}"
     lines = [f"{file.path.name}: {file.container}{_texels(file, channels)}{images}, {file.bytes} bytes"]
     lines += [f"  {name}: {value}" for name, value in file.attributes.items()]
     if file.about:
@@ -88,7 +75,7 @@ def _lines(file: FileInfo) -> list[str]:
         own = {key: value for key, value in file.about.items() if key != "materials"}
         lines.append(f"  made by mipbake: {_told(own)}")
         lines += [f"  material {name}: {_told(each)}" for name, each in materials.items() if isinstance(each, dict)]
-    lines += [f"  image {i.name}: {i.mime}{_texels(i)}, {_counted(i.bytes, 'byte')}" for i in file.images]
+    lines += [f"  image {i.name}: {i.mime}{_texels(i)}, {counted(i.bytes, 'byte')}" for i in file.images]
     return lines
 
 
@@ -98,7 +85,7 @@ def _texels(image: FileInfo | ImageInfo, channels: str = "") -> str:
         return ""
     width, height = image.levels[0]
     space = f", {image.colour_space}" if image.colour_space else ""
-    return f", {image.texels}{channels}{space}, {width} x {height}, {_counted(len(image.levels), 'level')}"
+    return f", {image.texels}{channels}{space}, {width} x {height}, {counted(len(image.levels), 'level')}"
 
 
 def _told(about: Mapping[str, Any]) -> str:
@@ -115,7 +102,3 @@ def _measured(figures: Any) -> str:
     except (AttributeError, IndexError, KeyError, TypeError):
         return "measured figures that are damaged"
     return f"SNR at lod 0 {', '.join(told)}"
-
-
-def _counted(count: int, what: str) -> str:
-    return f"{count} {what}{'' if count == 1 else 's'}"

@@ -10,7 +10,6 @@ from typing import Annotated, Any, Optional
 
 import typer
 
-import mipbake
 from mipbake.base.errors import UsageError
 from mipbake.cli import options
 from mipbake.cli.batch_options import CONFIG_OTHERWISE, BatchFlags, with_project
@@ -55,7 +54,7 @@ def inspect(
         return vars(job.named(found.found))
 
     results = over_sets(session, sources, load, show)
-    session.dump({"version": mipbake.__version__, "exit_code": session.exit_code, "results": results})
+    session.results(results)
 
 
 def _show_project(session: Session, config: Path, sources: Sequence[str]) -> None:
@@ -76,4 +75,4 @@ def _show_project(session: Session, config: Path, sources: Sequence[str]) -> Non
             told.add_row(option, json.dumps(setting.value), setting.origin)
         session.print(f"{entry.label}:" if settings else f"{entry.label}: the defaults", *([told] if settings else []))
         results.append({"entry": entry.label, "source": entry.source, "settings": dict(settings)})
-    session.dump({"version": mipbake.__version__, "exit_code": session.exit_code, "results": results})
+    session.results(results)

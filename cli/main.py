@@ -7,8 +7,7 @@ import gc
 import os
 import signal
 import sys
-import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import FrameType
 from typing import Annotated, NoReturn
@@ -21,6 +20,7 @@ from mipbake.base.errors import MipbakeError
 from mipbake.base.extras import told_of
 from mipbake.base.leftovers import unfinished
 from mipbake.base.messages import listed, one_line
+from mipbake.base.version import __version__
 from mipbake.cli.commands import Commands
 from mipbake.cli.session import Session
 from mipbake.cli.streams import lost, replace_streams
@@ -68,10 +68,24 @@ class _Stopped(BaseException):
 
 def _show_version(wanted: bool) -> None:
     if wanted:
-        from mipbake.cli.version import version_text
-
-        sys.stdout.write(version_text() + "\n")
+        sys.stdout.write("\n".join(_versions()) + "\n")
         raise typer.Exit
+
+
+def _versions() -> Iterator[str]:
+    """Version, instruction set in use, CUDA or not, weights found; one line each."""
+    from mipbake import _native
+    from mipbake.models.registry import list_weights
+
+    yield f"mipbake {__version__}"
+    yield f"instruction set: {_native.isa()}"
+    without_device = "compiled, but no device found" if _native.cuda_compiled() else "no"
+    yield f"CUDA: {'yes' if _native.cuda_available() else without_device}"
+    try:
+        found = [f"{w.name} ({', '.join(w.targets)}; {', '.join(w.pixel_filters)})" for w in list_weights()]
+    except MipbakeError as error:
+        found = [f"unreadable ({error})"]
+    yield f"weights: {', '.join(found) or 'none'}"
 
 
 def _show_cmake_dir(wanted: bool) -> None:
@@ -176,11 +190,6 @@ def _unforeseen(session: Session, error: Exception) -> int:
         )
     if isinstance(error, OSError) and error.filename is not None:  # nothing closer to it has a sentence
         return session.fail(str(disk.refused(Path(os.fsdecode(error.filename)), error)), EXIT_INPUT)
-    return _defect(session, error)
-
-
-def _defect(session: Session, error: Exception) -> int:
-    """Says that an error was not foreseen, and returns the exit code."""
     if session.debug:
         import traceback
 
@@ -205,23 +214,11 @@ def _parsing_message(error: Exception) -> str:
     return f"{message[:1].lower()}{message[1:]}{expected}; see `{path} --help`"
 
 
-_AGAIN = 0.01  # seconds, by which Python has left what swallowed a signal
 _EXITS = {signal.SIGINT: EXIT_INTERRUPTED, signal.SIGTERM: EXIT_TERMINATED}
 
 
 def _stop(number: int, _frame: FrameType | None) -> NoReturn:
     raise _Stopped(_EXITS[signal.Signals(number)])
-
-
-def _unheard(what: sys.UnraisableHookArgs) -> None:
-    """Python swallows what is raised while it frees an object or a lock of an import: a signal comes once more then."""
-    if not isinstance(what.exc_value, _Stopped):
-        sys.__unraisablehook__(what)
-        return
-    (number,) = (each for each, code in _EXITS.items() if code == what.exc_value.code)
-    again = threading.Timer(_AGAIN, signal.raise_signal, (number,))
-    again.daemon = True
-    again.start()
 
 
 def _handle_signals(handler: Callable[[int, FrameType | None], NoReturn] | signal.Handlers) -> None:
@@ -235,7 +232,6 @@ def run() -> None:
     """Runs the command line of the process and ends it."""
     replace_streams()
     try:
-        sys.unraisablehook = _unheard
         _handle_signals(_stop)
         keep_freed_memory()
         code = main(sys.argv[1:])

@@ -6,7 +6,6 @@ from typing import Annotated
 
 import typer
 
-import mipbake
 from mipbake.cli.session import Session
 from mipbake.cli.tables import table
 from mipbake.material.aim import SAMPLERS
@@ -32,7 +31,7 @@ def presets(
         "target auto: gltf-anisotropic for sets with an anisotropy map, else gltf",
         *(f"in {preset.engine}: {note}" for preset in PRESETS.values() for note in preset.notes),
     )
-    session.dump({"version": mipbake.__version__, "presets": {name: p for name, p in PRESETS.items()}})
+    session.dump({"presets": dict(PRESETS)})
 
 
 def _row(preset: Preset) -> tuple[str, ...]:

@@ -13,9 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 from mipbake.base.errors import MipbakeError, RendererError, shortened
 from mipbake.base.timings import Timings
+from mipbake.base.version import __version__
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.progress import Progress
 
 _PIPED_WIDTH = 10_000  # columns; nothing is cut or wrapped where no terminal is
 
@@ -58,9 +60,14 @@ class Session:
                 console(sys.stdout).print(thing, soft_wrap=isinstance(thing, str))
 
     def dump(self, content: Mapping[str, Any]) -> None:
-        """Prints the JSON object when it was asked for."""
+        """Prints the JSON object of --json, which begins with the version."""
         if self.json:
-            sys.stdout.write(json.dumps(plain(content), indent=2, allow_nan=False) + "\n")
+            whole = {"version": __version__, **content}
+            sys.stdout.write(json.dumps(plain(whole), indent=2, allow_nan=False) + "\n")
+
+    def results(self, results: Sequence[Mapping[str, Any]]) -> None:
+        """`dump` for what was done with each source."""
+        self.dump({"exit_code": self.exit_code, "results": results})
 
     def fail(self, message: str, exit_code: int, printed: Sequence[str] = ()) -> int:
         """Prints one sentence on stderr and returns the exit code of the run, the highest of all failures so far.
@@ -83,6 +90,11 @@ class Session:
             sentence, *printed = error.full.splitlines()
             return self.fail(sentence, error.exit_code, printed)
         return self.fail(error.full, error.exit_code)
+
+
+def counted(count: int, what: str) -> str:
+    """A number of things, in words."""
+    return f"{count} {what}{'' if count == 1 else 'es' if what.endswith('s') else 's'}"
 
 
 def failed(source: Path, error: MipbakeError) -> dict[str, Any]:
@@ -113,24 +125,34 @@ def plain(value: Any) -> Any:
 
 
 @contextmanager
-def timings(session: Session, label: str) -> Iterator[Timings]:
-    """Timings with a progress bar on stderr, where stderr is a terminal and the user has not asked for quiet."""
+def bar(session: Session, first: str, *others: Any) -> Iterator[Progress | None]:
+    """A progress bar on stderr, where stderr is a terminal and the user has not asked for quiet."""
     if session.quiet or not sys.stderr.isatty():
-        yield Timings()
+        yield None
         return
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console(sys.stderr), transient=True) as bar:
+    columns = (TextColumn(first), BarColumn(), *others, TimeElapsedColumn())
+    with Progress(*columns, console=console(sys.stderr), transient=True) as made:
+        yield made
+
+
+@contextmanager
+def timings(session: Session, label: str) -> Iterator[Timings]:
+    """Timings with a progress bar."""
+    with bar(session, "{task.description}", "{task.percentage:>3.0f}%") as shown:
+        if shown is None:
+            yield Timings()
+            return
         tasks: dict[str, Any] = {}
 
         def show(phase: str, share: float) -> None:
             if phase not in tasks:
-                tasks[phase] = bar.add_task(f"{label}: {phase}", total=1.0)
-            bar.update(tasks[phase], completed=share)
+                tasks[phase] = shown.add_task(f"{label}: {phase}", total=1.0)
+            shown.update(tasks[phase], completed=share)
 
         def note(text: str) -> None:
             phase, task = next(reversed(tasks.items()))
-            bar.update(task, description=f"{label}: {phase}, {text}")
+            shown.update(task, description=f"{label}: {phase}, {text}")
 
         yield Timings(show, note)

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Annotated, Any, Optional
 
 import typer
 
-from mipbake import MipbakeError
+from mipbake import InputError, MipbakeError
 from mipbake.base.publish import temporary_folder
 from mipbake.cli.session import Session
 from mipbake.source.intake import jobs
 from mipbake.source.jobs import Failure, Job
+from mipbake.source.layout import manifests
 from mipbake.source.options import LoadOptions
 from mipbake.source.texture_set import TextureSet
+from mipbake.source.tiles import name_without
 
 _SOURCES = typer.Argument(
     metavar="SOURCE",
@@ -60,3 +63,31 @@ def over_sets(
             except MipbakeError as error:
                 results.append(session.failed(job.source, error))
     return results
+
+
+def stack_of(given: Path, job: Job, texture_set: TextureSet, alone: bool) -> Path:
+    """Where the stack of a texture set lies: a folder, or the file that declares the stack of a tile.
+
+    Args:
+        given: a stack, where the set is the only one, or what stacks were baked into.
+        job: that the set is of.
+        texture_set: the set.
+        alone: whether it is the only one.
+
+    Raises:
+        InputError: there is none.
+    """
+    tile = next((tile for tile, name in job.names.items() if name == texture_set.name and tile), 0)
+    place = given / job.place / (name_without(texture_set.name, tile) if tile else texture_set.name)
+    if tile:
+        declared = [folder / f"stack.{tile}.json" for folder in (given, place)]
+        found = next((file for file in declared if file.is_file()), None)
+        if found is not None:
+            return found
+    elif place.is_dir() and manifests(place) and not manifests(given):
+        return place
+    if alone:
+        return given
+    raise InputError(
+        f"{given} holds no stack of {texture_set.name}: expected {place}, as `mipbake bake ... -o {given}` writes it"
+    )

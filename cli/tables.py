@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,6 +22,24 @@ def table(*columns: str) -> Table:
     made = Table(box=box.SIMPLE, pad_edge=False, show_edge=False)
     for column in columns:
         made.add_column(column, overflow="fold")
+    return made
+
+
+def ranked_table(title: str, columns: Sequence[str], rows: Mapping[str, Sequence[tuple[str, float]]]) -> Table:
+    """A row of figures for each name; the best of each column is bold.
+
+    Args:
+        title: of the names. columns: titles of the figures. rows: name to text and loss in each column.
+    """
+    from rich.text import Text
+
+    made = table(title, *columns)
+    for shown in made.columns[1:]:
+        shown.justify = "right"
+    least = [min(loss for _, loss in column) for column in zip(*rows.values(), strict=True)]
+    for name, row in rows.items():
+        cells = (Text(text, "bold" if loss == best else "") for (text, loss), best in zip(row, least, strict=True))
+        made.add_row(name, *cells)
     return made
 
 

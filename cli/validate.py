@@ -10,10 +10,9 @@ import typer
 import mipbake
 from mipbake import TextureSet, UsageError, Validation
 from mipbake.cli import options
-from mipbake.cli.folders import stack_of
 from mipbake.cli.session import Session, timings
-from mipbake.cli.sources import Sources, over_sets
-from mipbake.cli.tables import table
+from mipbake.cli.sources import Sources, over_sets, stack_of
+from mipbake.cli.tables import ranked_table
 from mipbake.comparing.validate import DEFAULT_SEED
 from mipbake.source.jobs import Job
 from mipbake.source.options import LoadOptions
@@ -71,18 +70,13 @@ def validate(
         return {"stack": place, **measured.to_dict(), "seconds": progress.seconds}
 
     results = over_sets(session, sources, load, measure)
-    session.dump({"version": mipbake.__version__, "exit_code": session.exit_code, "results": results})
+    session.results(results)
 
 
 def snr_table(measured: Validation, pair_set: str) -> Table:
-    """Methods by level of detail, for one pair set; the best of each column is bold."""
-    from rich.text import Text
-
-    made = table(f"{pair_set}, SNR in dB", *(f"lod {lod:g}" for lod in measured.lods))
-    for column in made.columns[1:]:
-        column.justify = "right"
-    columns = {lod: {m: measured.snr(m, pair_set, lod) for m in measured.methods} for lod in measured.lods}
-    for method in measured.methods:
-        figures = [Text(f"{c[method]:.1f}", "bold" if c[method] == max(c.values()) else "") for c in columns.values()]
-        made.add_row(method, *figures)
-    return made
+    """Methods by level of detail, for one pair set."""
+    rows = {
+        method: [(f"{snr:.1f}", -snr) for snr in (measured.snr(method, pair_set, lod) for lod in measured.lods)]
+        for method in measured.methods
+    }
+    return ranked_table(f"{pair_set}, SNR in dB", [f"lod {lod:g}" for lod in measured.lods], rows)

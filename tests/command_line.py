@@ -1,5 +1,9 @@
 """A small texture set as files, and the command line run on it: for the tests of the commands."""
 
+import io
+import json
+from contextlib import redirect_stdout
+
 import numpy as np
 import OpenImageIO
 
@@ -34,6 +38,23 @@ def write_set(folder, **changes):
 
 def tree(path):
     return sorted(str(p.relative_to(path)) for p in path.rglob("*"))
+
+
+LINEAR = ("--method", "linear")
+
+
+def run(*arguments):
+    """Exit code and what is printed."""
+    said = io.StringIO()
+    with redirect_stdout(said):
+        code = main([str(each) for each in arguments])
+    return code, said.getvalue()
+
+
+def bake(*arguments):
+    """Exit code and the JSON of a bake by `linear`."""
+    code, said = run("bake", *arguments, *LINEAR, "--json")
+    return code, json.loads(said)
 
 
 def fails(capsys, code, *arguments):

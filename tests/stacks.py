@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from mipbake.material import convert
 from mipbake.material.pixel_filter import level_sizes
+from mipbake.stack.manifest import manifest_path, read_back, read_manifest
+from mipbake.stack.map_files import MapFile
 from mipbake.stack.stack import MipStack, Provenance
+
+
+def read_output(folder: Path, index: int) -> list[MapFile]:
+    """The files of one output of a saved stack, as they are in the folder."""
+    return read_back(folder, read_manifest(manifest_path(folder))["outputs"][index])
 
 
 def smooth(shape: tuple[int, int], channels: int, seed: int = 0) -> np.ndarray:

@@ -13,13 +13,12 @@ from mipbake.baking.adjust import Adjustments, adjusted
 from mipbake.base.errors import UsageError
 from mipbake.source.images.read import read_image
 from mipbake.source.texture_set import TextureSet
-from mipbake.stack.manifest import read_output
 from mipbake.stack.output import Output
 from mipbake.stack.packing import Normals
 from mipbake.stack.stack import MipStack
 
 from .input_files import bytes_of, height_field, write_image
-from .stacks import smooth, unit
+from .stacks import read_output, smooth, unit
 
 NORMAL, ROUGHNESS, DIRECTION, STRENGTH = slice(5, 8), slice(4, 5), slice(8, 10), slice(10, 11)
 SHAPES = [(16, 16), (13, 6), (1, 9)]
@@ -134,26 +133,6 @@ def test_strength_0_is_plain_averages(shape, method) -> None:
     np.testing.assert_allclose(found.levels[0], texture_set.material(stack.model), atol=1e-6)
 
 
-def test_strength_0_of_anisotropy_is_the_axis_of_plain_averages() -> None:
-    """Axes have no sign."""
-    texture_set = made_set(anisotropic=True)
-    stack = baked(texture_set)
-    plain = mipbake.bake(texture_set, "linear", stack.model, "box")
-    found = adjusted(stack, texture_set, Adjustments(strength=0))
-    for level, wanted in zip(found.levels, plain.levels, strict=True):
-        np.testing.assert_allclose(np.delete(level, [8, 9], -1), np.delete(wanted, [8, 9], -1), atol=1e-6)
-        along = np.abs((level[..., DIRECTION] * wanted[..., DIRECTION]).sum(-1))
-        np.testing.assert_allclose(along, 1, atol=1e-5)
-
-
-def test_strength_1_and_no_adjustments_change_nothing() -> None:
-    texture_set = made_set()
-    stack = baked(texture_set)
-    assert adjusted(stack, texture_set, Adjustments()) is stack
-    assert adjusted(stack, texture_set, Adjustments(False, 1.0, 0.0)) is stack
-    assert Adjustments().sentences == ()
-
-
 @pytest.mark.parametrize("anisotropic", [False, True])
 @pytest.mark.parametrize("strength", [0.25, 0.5, 0.9])
 def test_what_lies_between_is_a_mixture(anisotropic, strength) -> None:
@@ -203,24 +182,6 @@ def test_colours_that_opacity_hides_stay_hidden_at_every_strength() -> None:
             assert (found.levels[0][..., 0].max() == 1) == keep
 
 
-def test_the_provenance_says_what_was_done() -> None:
-    texture_set = made_set()
-    stack = baked(texture_set)
-    found = adjusted(stack, texture_set, Adjustments(True, 0.5, 0.1))
-    first, second, third = found.provenance.adjustments
-    assert "strength 0.5" in first and "level 0" in second and "0.1" in third
-    assert found.provenance.promise is None
-    assert replace(found.provenance, adjustments=()) == replace(stack.provenance, promise=None)
-    assert (found.extra, found.source_files) == (stack.extra, stack.source_files)
-
-
-def test_the_provenance_is_saved(tmp_path) -> None:
-    texture_set = made_set()
-    found = adjusted(baked(texture_set), texture_set, Adjustments(min_roughness=0.2))
-    found.save(tmp_path / "s")
-    assert mipbake.open_stack(tmp_path / "s").provenance.adjustments == ("no roughness is below 0.2",)
-
-
 @pytest.mark.parametrize("given", [{"strength": 1.1}, {"strength": -0.1}, {"min_roughness": 2}])
 def test_what_is_out_of_range(given) -> None:
     ((name, value),) = given.items()
@@ -235,3 +196,14 @@ def test_other_models_cannot_be_adjusted() -> None:
     stack = mipbake.bake(texture_set, "lean", "ggx")
     with pytest.raises(UsageError, match="model ggx cannot be adjusted: expected gltf or gltf-anisotropic"):
         adjusted(stack, texture_set, Adjustments(keep_level0=True))
+
+
+def test_the_provenance_says_what_was_done(tmp_path) -> None:
+    texture_set = made_set()
+    stack = baked(texture_set)
+    found = adjusted(stack, texture_set, Adjustments(True, 0.5, 0.1))
+    first, second, third = found.provenance.adjustments
+    assert "strength 0.5" in first and "level 0" in second and "0.1" in third
+    assert replace(found.provenance, adjustments=()) == stack.provenance and found.extra == stack.extra
+    found.save(tmp_path / "s")
+    assert mipbake.open_stack(tmp_path / "s").provenance == found.provenance

@@ -10,15 +10,11 @@ import pytest
 
 import mipbake
 from mipbake.cli.main import main
-from mipbake.source.images.read import read_image
 
-from .command_line import fails
-from .gltf_files import check_structure
+from .command_line import LINEAR, bake, fails, run
 from .gpu_textures import halved
 from .input_files import bytes_of, encoded, height_field, plain_set, write_image
 from .packed_sets import grey
-from .test_cli_bake_documents import LINEAR, bake
-from .test_presets import run
 
 
 def tiles(folder: Path, name: str = "rock") -> Path:
@@ -52,44 +48,6 @@ def test_tiles(tmp_path, source) -> None:
         stack = mipbake.open_stack(out / f"stack.{tile}.json")
         assert (stack.tile, stack.name) == (tile, f"rock_{tile}")
         assert [level.shape[:2] for level in stack.levels] == [(h, w) for w, h in halved(8, 8)]
-
-
-@pytest.mark.long
-def test_names_of_presets_end_with_the_tile(tmp_path) -> None:
-    assert bake(tiles(tmp_path / "rock"), "-o", tmp_path / "out", "--preset", "arnold")[0] == 0
-    names = {p.name for p in (tmp_path / "out" / "rock").iterdir()}
-    roles = ("base_color", "normal", "roughness", "metallic")
-    assert names == {f"rock_{r}.{t}.tx" for r in roles for t in TILES} | {f"stack.{t}.json" for t in TILES}
-
-
-@pytest.mark.long
-def test_every_tile_has_a_sidecar_of_its_own(tmp_path) -> None:
-    more = ("--sidecar", "ntc", "--format", "png")
-    assert bake(tiles(tmp_path / "rock"), "-o", tmp_path / "out", *more)[0] == 0
-    for tile in TILES:
-        (listed,) = (tmp_path / "out" / "rock").glob(f"ntc.{tile}.json")
-        assert all(str(tile) in each["fileName"] for each in json.loads(listed.read_text())["textures"])
-    assert bake(tmp_path / "rock", "-o", tmp_path / "out", *more)[0] == 0
-
-
-@pytest.mark.long
-def test_a_folder_that_is_called_like_a_tile(tmp_path) -> None:
-    assert bake(tiles(tmp_path / "rock_1002"), "-o", tmp_path / "out", "--preset", "arnold")[0] == 0
-    (folder,) = (tmp_path / "out").iterdir()
-    assert folder.name == "rock_1002"
-    assert {p.name for p in folder.glob("*normal*")} == {f"rock_1002_normal.{tile}.tx" for tile in TILES}
-
-
-@pytest.mark.long
-def test_tiles_as_mudbox_counts_them(tmp_path) -> None:
-    folder = tiles(tmp_path / "rock")
-    for path in list(folder.iterdir()):
-        for tile, pair in ((1001, "_u1_v1"), (1002, "_u2_v1"), (1021, "_u1_v3")):
-            if f".{tile}." in path.name:
-                path.rename(folder / path.name.replace(f".{tile}", pair))
-    assert bake(folder, "-o", tmp_path / "out")[0] == 0
-    names = {p.name for p in (tmp_path / "out" / "rock").iterdir()}
-    assert {"rock_normal_gl_u1_v3.exr", "metallic.1021.exr", "stack.1021.json"} <= names
 
 
 @pytest.mark.long
@@ -132,61 +90,6 @@ def test_filtering_crosses_the_borders_of_tiles(tmp_path) -> None:
     assert bake(folder, "-o", tmp_path / "out", "--format", "exr:float")[0] == 0
     first = mipbake.open_stack(tmp_path / "out" / "rock" / "stack.1001.json").levels[2][..., 0]
     assert (first[:, -1] > first[:, 0] + 1e-4).all()  # 1002 to its right is brighter
-
-
-@pytest.mark.long
-def test_tiles_that_a_glb_cannot_hold_are_resampled(tmp_path) -> None:
-    """Tiles are resampled as other sets are, and each tile still continues in the next."""
-    (folder := tmp_path / "rock").mkdir()
-    for tile, value in ((1001, 0.2), (1002, 0.8)):
-        write_image(folder / f"rock_base_color.{tile}.png", bytes_of(np.full((6, 10, 3), value)))
-        write_image(folder / f"rock_normal_gl.{tile}.png", encoded(height_field(6, 10, seed=tile)))
-        write_image(folder / f"rock_roughness.{tile}.png", bytes_of(np.full((6, 10), value)))
-    code, report = bake(folder, "-o", tmp_path / "out", "--format", "png,glb")
-    assert code == 0
-    for result in report["results"]:
-        assert any("resampled from 10 x 6 to 12 x 8" in note for note in result["set"]["notes"])
-        (made,) = (Path(f["path"]) for f in result["files"] if f["path"].endswith(".glb"))
-        check_structure(made.read_bytes())
-        stack = mipbake.open_stack(result["out"])
-        assert stack.size == (8, 12)
-    left = mipbake.open_stack(report["results"][0]["out"]).levels[0][..., 0]
-    assert np.ptp(left[:, :-2]) < 0.01  # nothing of its own other side, nor of the next tile's
-
-
-@pytest.mark.usefixtures("quick_validation")
-@pytest.mark.long
-@pytest.mark.parametrize("side", [8, 12])
-def test_tiles_that_touch_may_differ_in_size(tmp_path, side) -> None:
-    (folder := tmp_path / "rock").mkdir()
-    for tile, size in ((1001, 16), (1002, side)):
-        heights = height_field(16, 16, seed=4)[:size, :size]
-        write_image(folder / f"rock_normal_gl.{tile}.png", encoded(heights))
-        write_image(folder / f"rock_roughness.{tile}.png", bytes_of(np.full((size, size), 0.4)))
-        write_image(folder / f"rock_height.{tile}.png", grey(tile, size))
-    alone = tmp_path / "alone"
-    alone.mkdir()
-    for path in folder.glob("*.1002.png"):
-        (alone / path.name.replace(".1002", "")).write_bytes(path.read_bytes())
-    (out := tmp_path / "out").mkdir()
-    assert bake(alone, "-o", out, "--wrap-u", "clamp", "--wrap-v", "clamp", "--format", "exr:float")[0] == 0
-    assert bake(folder, "-o", out, "--format", "exr:float")[0] == 0
-    for tile, size in ((1001, 16), (1002, side)):
-        stack = mipbake.open_stack(out / "rock" / f"stack.{tile}.json")
-        assert stack.size == (size, size) and len(stack.levels) == len(halved(size, size))
-    by_itself = mipbake.open_stack(out / "alone").extra["height"]
-    same = [(a == b).all() for a, b in zip(stack.extra["height"], by_itself, strict=True)]
-    assert all(same[:3] if side == 12 else same)  # coarser levels of 12 texels are looked up between texels
-    code, said = run("validate", folder, out, "--json")
-    assert code == 0
-    found = {row["lod"]: row["snr"] for row in json.loads(said)["results"][1]["rows"] if row["method"] == "baked"}
-    code, said = run("validate", alone, out / "alone", "--wrap-u", "clamp", "--wrap-v", "clamp", "--json")
-    wanted = {row["lod"]: row["snr"] for row in json.loads(said)["results"][0]["rows"] if row["method"] == "baked"}
-    assert all(found[lod] > wanted[lod] - 1 for lod in wanted)
-    assert bake(folder, "-o", out, "--format", "png", "--keep-level0")[0] == 0
-    for path in folder.glob("*_roughness.*"):
-        written = out / "rock" / f"{path.stem}_mip00.png"
-        assert (read_image(written).pixels == read_image(path).pixels).all()
 
 
 @pytest.mark.parametrize("role", ["normal_gl", "roughness"])

@@ -2,14 +2,12 @@
 
 import os
 import shutil
-import zlib
 from importlib import import_module
 
 import numpy as np
 import OpenImageIO
 import pytest
 
-import mipbake
 from mipbake.baking.methods import METHODS
 from mipbake.cli.main import main
 from mipbake.material.pixel_filter import FILTERS
@@ -17,7 +15,7 @@ from mipbake.source.jobs import Job
 from mipbake.stack.containers import FORMATS
 from mipbake.stack.stack import MipStack
 
-from .command_line import bumps, fails, tree, write_png, write_set
+from .command_line import fails, tree, write_set
 
 PIPELINE = import_module("mipbake.baking.bake")
 
@@ -25,18 +23,6 @@ PIPELINE = import_module("mipbake.baking.bake")
 @pytest.fixture
 def folder(tmp_path):
     return write_set(tmp_path / "metal")
-
-
-def png(width, height):
-    """A PNG file of that size, with no texels in it."""
-
-    def chunk(kind, data):
-        body = kind + data
-        return len(data).to_bytes(4, "big") + body + zlib.crc32(body).to_bytes(4, "big")
-
-    header = width.to_bytes(4, "big") + height.to_bytes(4, "big") + bytes([8, 2, 0, 0, 0])
-    body = chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(b"")) + chunk(b"IEND", b"")
-    return b"\x89PNG\r\n\x1a\n" + body
 
 
 def spoil_missing(folder):
@@ -47,21 +33,9 @@ def spoil_no_normal(folder):
     (folder / "normal.png").unlink()
 
 
-def spoil_no_roughness(folder):
-    (folder / "roughness.png").unlink()
-
-
-def spoil_two_candidates(folder):
-    shutil.copy(folder / "roughness.png", folder / "metal_roughness.png")
-
-
 def spoil_truncated(folder):
     data = (folder / "normal.png").read_bytes()
     (folder / "normal.png").write_bytes(data[: len(data) // 2])
-
-
-def spoil_text(folder):
-    (folder / "roughness.png").write_text("no image at all")
 
 
 def spoil_not_finite(folder):
@@ -71,34 +45,11 @@ def spoil_not_finite(folder):
     OpenImageIO.ImageBuf(pixels).write(str(folder / "roughness.exr"))
 
 
-def spoil_zero_sized(folder):
-    (folder / "base_color.png").write_bytes(png(0, 4))
-
-
-def spoil_constant_normal(folder):
-    write_png(folder / "normal.png", np.full((16, 16, 3), 90, np.uint8))
-
-
-def spoil_colour_as_normal(folder):
-    shutil.copy(folder / "base_color.png", folder / "normal.png")
-
-
-def spoil_grey_normal(folder):
-    shutil.copy(folder / "roughness.png", folder / "normal.png")
-
-
 BAD_SETS = {
     spoil_missing: ["does not exist"],
     spoil_no_normal: ["normal", "roughness.png"],
-    spoil_no_roughness: ["roughness", "normal.png"],
-    spoil_two_candidates: ["roughness.png", "metal_roughness.png"],
     spoil_truncated: ["normal.png"],
-    spoil_text: ["roughness.png"],
     spoil_not_finite: ["roughness.exr", "2 "],
-    spoil_zero_sized: ["base_color.png", "0 x 4"],
-    spoil_constant_normal: ["normal.png"],
-    spoil_colour_as_normal: ["normal.png"],
-    spoil_grey_normal: ["normal.png"],
 }
 
 
@@ -143,29 +94,8 @@ def test_usage_errors_exit_2(tmp_path, monkeypatch, capsys, arguments, part):
 
 
 @pytest.mark.long
-def test_the_stack_of_another_set_is_never_replaced(tmp_path, capsys, monkeypatch):
-    first, same, other = (write_set(tmp_path / name / "metal") for name in "abc")
-    for name, pixels in bumps(8, 24).items():
-        write_png(other / f"{name}.png", pixels)
-    bake = ["bake", "-o", str(tmp_path / "out"), "--method", "linear", "--quiet"]
-    assert main([*bake, str(first)]) == 0
-    assert main([*bake, str(same), "--filter", "mitchell"]) == 0  # the same files: baked again
-
-    class Late(type(METHODS["linear"])):
-        def __call__(self, *_):
-            pytest.fail("found only after the bake")
-
-    monkeypatch.setitem(METHODS, "linear", Late())
-    capsys.readouterr()
-    message = fails(capsys, 4, *bake, other)
-    assert "out/metal: " in message and "roughness.png" in message and "remove" in message
-    assert mipbake.open_stack(tmp_path / "out" / "metal").provenance.pixel_filter == "mitchell"
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("fmt", FORMATS)
-def test_a_baked_stack_is_no_texture_set(folder, tmp_path, capsys, fmt):
-    assert main(["bake", str(folder), "-o", str(tmp_path / "out"), "--method", "linear", "--format", fmt, "-q"]) == 0
+def test_a_baked_stack_is_no_texture_set(folder, tmp_path, capsys):
+    assert main(["bake", str(folder), "-o", str(tmp_path / "out"), "--method", "linear", "-q"]) == 0
     stack = tmp_path / "out" / "metal"
     before = {name: (stack / name).read_bytes() for name in tree(stack)}
     assert "is a baked stack" in fails(capsys, 3, "bake", stack, "-o", tmp_path / "out", "--method", "linear")
@@ -180,23 +110,13 @@ def test_unwritable_outputs_exit_4(folder, tmp_path, capsys):
     (tmp_path / "full" / "metal").mkdir(parents=True)
     (tmp_path / "full" / "metal" / "mine.txt").write_text("keep")
     before = tree(tmp_path)
-    for out in ("file", "file/below", "full"):
+    for out in ("file", "file/below", "full", "."):
         fails(capsys, 4, "bake", folder, "-o", tmp_path / out, "--method", "linear")
     assert tree(tmp_path) == before
+    assert "stack.json" in fails(capsys, 3, "validate", folder, folder)
     if hasattr(os, "geteuid") and os.geteuid() != 0:
         (tmp_path / "locked").mkdir(mode=0o500)
         assert "permission" in fails(capsys, 4, "bake", folder, "-o", tmp_path / "locked", "--method", "linear")
-
-
-def test_baking_over_the_sources_exits_4(folder, tmp_path, capsys):
-    before = {name: (folder / name).read_bytes() for name in tree(folder)}
-    assert "not mipbake's" in fails(capsys, 4, "bake", folder, "-o", tmp_path, "--method", "linear")
-    assert {name: (folder / name).read_bytes() for name in tree(folder)} == before
-
-
-def test_validate_of_what_is_no_stack_exits_3(folder, tmp_path, capsys):
-    assert "stack.json" in fails(capsys, 3, "validate", folder, folder)
-    assert "no such folder" in fails(capsys, 3, "validate", folder, tmp_path / "none")
 
 
 def test_defects_exit_1_without_a_traceback(folder, tmp_path, capsys, monkeypatch):
@@ -247,10 +167,3 @@ def test_names_that_are_too_long(tmp_path, monkeypatch, capsys, arguments):
     monkeypatch.chdir(tmp_path)
     assert LONG[:80] in fails(capsys, 3, *arguments)
     assert tree(tmp_path) == []
-
-
-def test_a_name_that_is_too_long_leaves_the_other_sources(folder, tmp_path, capsys):
-    arguments = ["bake", LONG, str(folder), "-o", str(tmp_path / "out"), "--method", "linear", "--format", "png"]
-    assert main(arguments) == 3
-    assert (tmp_path / "out" / "metal" / "stack.json").is_file()
-    assert "longer than a name can be" in capsys.readouterr().err

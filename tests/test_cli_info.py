@@ -5,23 +5,20 @@ from __future__ import annotations
 import json
 import struct
 import sys
-import tracemalloc
 
 import pytest
-import zstandard
 
 from mipbake.cli.main import main
-from mipbake.source.images import ktx2 as container
-from mipbake.source.images.gpu_format import GPU_FORMATS, GpuTexture
+from mipbake.stack.file_info import file_info
 from mipbake.stack.gltf.glb import Encoded
 from mipbake.stack.gltf.quad import QuadOptions, standalone
 
-from .command_line import fails, write_set
+from .command_line import bake, fails, run, write_set
 from .gltf_files import GltfFile, ktx2, png
 from .stacks import made_stack
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture
 def _without_decoder(monkeypatch) -> None:
     """Neither levels nor blocks are decoded."""
     monkeypatch.setitem(sys.modules, "alktx2", None)
@@ -50,6 +47,7 @@ def saved(folder, formats=("exr",), **changes):
     return folder
 
 
+@pytest.mark.usefixtures("_without_decoder")
 def test_images_of_a_glb(tmp_path, capsys) -> None:
     (tmp_path / "a.glb").write_bytes(glb())
     out = shown(capsys, tmp_path / "a.glb")
@@ -65,15 +63,6 @@ def test_images_of_a_glb(tmp_path, capsys) -> None:
     assert [image["bytes"] for image in file["images"]] == [len(ktx2(1, True, 16, 8)), len(ktx2(2))]
 
 
-def test_a_document_of_others(tmp_path, capsys) -> None:
-    made = GltfFile()
-    made.image(png("a", 8), "a picture")
-    made.json["asset"]["extras"] = {"mipbake": {"version": "0", "materials": {"Wood": {"method": "linear"}}}}
-    out = shown(capsys, made.write(tmp_path / "a"))
-    assert f"image a picture: image/png, {len(png('a', 8))} bytes" in out
-    assert "material Wood: method linear" in out
-
-
 def of_another_kind(place: int, kind: str, value: int) -> bytes:
     """A KTX 2 file of 8 x 8 texels with another number in a field of its header."""
     data = bytearray(ktx2(1))
@@ -84,13 +73,12 @@ def of_another_kind(place: int, kind: str, value: int) -> bytes:
 COLOUR_MODEL = struct.unpack_from("<I", ktx2(1), 48)[0] + 12
 
 
+@pytest.mark.usefixtures("_without_decoder")
 @pytest.mark.parametrize(
     ("data", "texels"),
     [
         (of_another_kind(COLOUR_MODEL, "<B", 163), "ETC1S, linear, 8 x 8, 4 levels"),
-        (of_another_kind(COLOUR_MODEL, "<B", 200), "colour model 200, linear, 8 x 8, 4 levels"),
         (of_another_kind(12, "<I", 157), "UASTC (Vulkan format 157), linear, 8 x 8, 4 levels"),
-        (of_another_kind(36, "<I", 6), "UASTC_RGB_UNORM_BLOCK, linear, 8 x 8, 4 levels"),
         (of_another_kind(44, "<I", 1), "UASTC_RGB_UNORM_BLOCK, linear, 8 x 8, 4 levels"),
     ],
 )
@@ -116,36 +104,17 @@ def test_stacks_with_a_glb(tmp_path, capsys, formats) -> None:
     assert "glb: normals" not in out
 
 
-@pytest.mark.parametrize("name", ["../secret.exr", "/etc/passwd", "a/b.exr", "..", "", "a\\\\b", 3])
+@pytest.mark.parametrize("name", ["../secret.exr", "..", "a\\\\b", 3])
 def test_files_elsewhere_are_refused(tmp_path, capsys, name) -> None:
     (tmp_path / "secret.exr").write_bytes(b"secret")
     folder = saved(tmp_path / "s", outputs=[{"format": "exr", "maps": {"a": {"files": [name]}}}])
     assert "expected names of files in its folder" in fails(capsys, 3, "info", folder)
 
 
-@pytest.mark.parametrize("outputs", [None, [3], [{"maps": []}], [{"files": 3}]])
+@pytest.mark.parametrize("outputs", [None, [{"files": 3}]])
 def test_descriptions_of_no_stack_are_told(tmp_path, capsys, outputs) -> None:
     folder = saved(tmp_path / "s", outputs=outputs)
     assert "does not describe a stack" in fails(capsys, 3, "info", folder)
-
-
-def test_entries_that_say_little(tmp_path, capsys) -> None:
-    assert "0 levels" in shown(capsys, saved(tmp_path / "s", outputs=[{}, {"format": "exr", "maps": {"a": {}}}]))
-
-
-def test_levels_are_not_inflated(tmp_path, capsys) -> None:
-    """A hundred kilobytes of a stream can stand for gigabytes."""
-    side, packer = 8192, zstandard.ZstdCompressor()
-    made = bytearray(container.encoded(GpuTexture(GPU_FORMATS["R8G8B8A8_UNORM"], 1, 1, (bytes(4),), {}), True))
-    struct.pack_into("<2I", made, 20, side, side)
-    stream = packer.compress(bytes(4 * side * side))
-    struct.pack_into("<3Q", made, 80, len(made), len(stream), 4 * side * side)
-    (tmp_path / "a.ktx2").write_bytes(made + stream)
-    tracemalloc.start()
-    assert "8192 x 8192, 1 level" in shown(capsys, tmp_path / "a.ktx2")
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert peak < 4e6
 
 
 @pytest.fixture
@@ -164,11 +133,6 @@ def test_broken_files_whose_names_are_no_text(tmp_path, capsys, exr) -> None:
     )
 
 
-def test_numbers_in_place_of_texts(tmp_path, capsys, exr) -> None:
-    (tmp_path / "a.exr").write_bytes(exr.replace(b"mipbake\0string", b"mipbake\0strinx"))
-    assert "made by" not in shown(capsys, tmp_path / "a.exr")
-
-
 def test_broken_png_files_take_one_sentence(tmp_path, capfd) -> None:
     """libpng would print one of its own."""
     (tmp_path / "a.png").write_bytes(png("a", 8).replace(b"IDAT", b"IDA\xff"))
@@ -176,9 +140,58 @@ def test_broken_png_files_take_one_sentence(tmp_path, capfd) -> None:
     assert capfd.readouterr().err.count("\n") == 1
 
 
-def test_descriptions_without_end(tmp_path, capsys) -> None:
-    (tmp_path / "stack.json").write_text("[" * 200_000)
-    assert "cannot read" in fails(capsys, 3, "info", tmp_path)
-    assert "are not mipbake's" in fails(
-        capsys, 4, "bake", write_set(tmp_path / "in" / tmp_path.name), "-o", tmp_path.parent
-    )
+@pytest.mark.long
+def test_info_on_every_file(tmp_path, capsys) -> None:
+    folder = write_set(tmp_path / "metal")
+    formats = "exr,tx:8,ktx2:bc,dds:rgba8,png:16,glb"
+    assert bake(folder, "-o", tmp_path / "out", "--format", formats)[0] == 0
+    place = tmp_path / "out" / "metal"
+    names = [p.name for p in place.iterdir()]
+    code, said = run("info", place)
+    assert code == 0 and all(name in said for name in names if name != "stack.json")
+    assert run("info", place / "stack.json") == (code, said)
+    assert f"{place}: metal, gltf, 16 x 16, 5 levels, wrap wrap, wrap" in said and "baked by linear of mipbake" in said
+    wanted = {
+        "normal.exr": ("openexr, half, channels R G B", "textureformat: Plain Texture", "wrapmodes: periodic,periodic"),
+        "normal.tx": ("tiff, uint8, channels R G B", "textureformat: Plain Texture", "wrapmodes: periodic,periodic"),
+        "base_color.ktx2": ("KTX 2, BC7_SRGB_BLOCK, sRGB", "KTXorientation: rd"),
+        "normal.dds": ("DDS (Direct3D 10), R8G8B8A8_UNORM, linear",),
+        "base_color_mip00.png": ("png, uint16, channels R G B, srgb",),
+        "metal.glb": ("GLB (glTF 2.0)", "UASTC_RGB_SRGB_BLOCK"),
+    }
+    for name, parts in wanted.items():
+        code, said = run("info", place / name)
+        assert code == 0 and all(part in said for part in parts), said
+        assert ("made by mipbake: set metal, model gltf, method linear" in said) == (not name.endswith("dds"))
+        assert ", 16 x 16, 5 levels" in said or name.endswith("png")
+        code, said = run("info", place / name, "--json")
+        (found,) = json.loads(said)["files"]
+        assert (found["path"], found["bytes"]) == (str(place / name), (place / name).stat().st_size)
+    assert file_info(place / "roughness_mip00.png").colour_space == ""  # it says none
+    code, said = run("info", place, "--json")
+    report = json.loads(said)
+    assert report["stack"]["name"] == "metal" and len(report["files"]) == len(names) - 1
+    capsys.readouterr()
+
+
+@pytest.mark.long
+def test_info_says_what_a_stack_was_made_for(tmp_path) -> None:
+    folder = write_set(tmp_path / "metal")
+    given = ("--method", "refine", "--budget", "0.01s", "--sampler", "anisotropic", "--aim", "0")
+    code, said = run("bake", folder, "-o", tmp_path / "out", *given)
+    assert code == 0 and "pixel filter gaussian, sampler anisotropic, aim 0, " in said
+    place = tmp_path / "out" / "metal"
+    assert "pixel filter gaussian, sampler anisotropic, aim 0\n" in run("info", place)[1]
+    assert "sampler anisotropic, aim 0" in run("info", place / "normal.exr")[1]
+    assert json.loads(run("info", place, "--json")[1])["stack"]["provenance"]["aim"] == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "part"), [("a.ktx2", "not a KTX 2 file"), ("a.png", "cannot read"), ("a.glb", "not a glTF file")]
+)
+def test_info_on_what_is_none(tmp_path, capsys, name, part) -> None:
+    (tmp_path / name).write_text("nothing of the kind")
+    assert part in fails(capsys, 3, "info", tmp_path / name)
+    assert "expected a file of a stack" in fails(capsys, 3, "info", tmp_path / "missing.ktx2")
+    (tmp_path / "stack.json").write_text('{"schema": "mipbake-stack", "schema_version": 2, "outputs": []}')
+    assert "does not describe a stack" in fails(capsys, 3, "info", tmp_path)

@@ -32,18 +32,6 @@ def provenance(stack: Path) -> dict[str, object]:
 
 
 @pytest.mark.long
-def test_named_sources_do_not_use_the_project_and_a_note_says_so(
-    project: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    note = "note: the mipbake.toml of this folder is not used, because sources are named"
-    assert main(["bake", "textures/wood", "-o", "elsewhere", "--method", "lean", "--format", "png"]) == 0
-    assert note in capsys.readouterr().out
-    assert provenance(project / "elsewhere" / "wood")["method"] == "lean"
-    assert main(["bake", "textures/wood", "--config", "mipbake.toml"]) == 0
-    assert note not in capsys.readouterr().out
-
-
-@pytest.mark.long
 def test_a_project_is_baked(project: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bake", "textures/wood", "--config", "mipbake.toml"]) == 0
     assert "1 set baked, 0 unchanged, 0 failed" in capsys.readouterr().out
@@ -58,6 +46,9 @@ def test_a_project_is_baked(project: Path, capsys: pytest.CaptureFixture[str]) -
         "metals/iron": "the options changed",
         "wood": None,
     }
+    assert main(["bake", "textures/wood", "-o", "elsewhere", "--method", "lean", "--format", "png"]) == 0
+    assert "note: the mipbake.toml of this folder is not used, because sources are named" in capsys.readouterr().out
+    assert provenance(project / "elsewhere" / "wood")["method"] == "lean"
     assert main(["bake", "-o", "other", "--map", "metallic=1", "--wrap-u", "clamp", "--gloss", "--filter", "box"]) == 0
     assert provenance(project / "other/wood/wood")["pixel_filter"] == "box"
     assert json.loads((project / "other/wood/wood/stack.json").read_text())["wrap"] == {"u": "clamp", "v": "wrap"}
@@ -74,12 +65,6 @@ def test_what_applies_is_shown_with_its_place(project: Path, capsys: pytest.Capt
     assert wood["settings"]["method"] == {"value": "linear", "origin": "mipbake.toml, line 4"}
     assert "strength" not in wood["settings"]
     assert not (project / "baked").exists()
-
-
-def test_what_lies_elsewhere(project: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    write_set(project / "elsewhere")
-    said = fails(capsys, 3, "bake", "--config", "mipbake.toml", "elsewhere")
-    assert "elsewhere holds nothing of the library" in said
 
 
 def test_without_sources_and_without_a_project(

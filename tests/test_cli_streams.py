@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import random
 import select
 import shlex
 import signal
@@ -17,7 +16,7 @@ import pytest
 import mipbake
 from mipbake.cli.main import main
 
-from .command_line import bumps, tree, write_set
+from .command_line import tree, write_set
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="shells and signals as POSIX has them")
 
@@ -43,9 +42,8 @@ def shell(line: str, *arguments: object) -> tuple[int, str, str]:
 @pytest.mark.long
 @pytest.mark.parametrize(
     "line",
-    ["$MIPBAKE | head -n 1", "$MIPBAKE | true", "$MIPBAKE >&-", "$MIPBAKE > /dev/full", "$MIPBAKE <&- >&- 2>&-",
-     "$MIPBAKE > /dev/full 2> /dev/full"],
-)  # fmt: skip
+    ["$MIPBAKE | head -n 1", "$MIPBAKE >&-", "$MIPBAKE > /dev/full 2> /dev/full"],
+)
 def test_a_bake_goes_on_without_a_reader(folder: Path, tmp_path: Path, line: str) -> None:
     if "/dev/full" in line and not Path("/dev/full").exists():
         pytest.skip("there is no /dev/full")
@@ -55,10 +53,8 @@ def test_a_bake_goes_on_without_a_reader(folder: Path, tmp_path: Path, line: str
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    "arguments", [["inspect"], ["inspect", "--json"], ["--help"], ["--version"], ["bake", "--json"]]
-)
-@pytest.mark.parametrize("line", ["$MIPBAKE > /dev/full", "$MIPBAKE >&-"])
+@pytest.mark.parametrize("arguments", [["inspect"], ["--help"], ["bake", "--json"]])
+@pytest.mark.parametrize("line", ["$MIPBAKE > /dev/full"])
 def test_a_result_that_cannot_be_printed_exits_4(folder: Path, tmp_path: Path, line: str, arguments: list[str]) -> None:
     if "/dev/full" in line and not Path("/dev/full").exists():
         pytest.skip("there is no /dev/full")
@@ -73,11 +69,6 @@ def test_a_result_that_cannot_be_printed_exits_4(folder: Path, tmp_path: Path, l
 def test_an_error_that_nobody_reads_keeps_its_exit_code(tmp_path: Path) -> None:
     code, _, _ = shell("$MIPBAKE >&- 2>&-", "bake", tmp_path / "none", "-o", tmp_path / "out")
     assert code == 3
-
-
-def test_a_reader_that_has_seen_enough_is_no_failure(folder: Path) -> None:
-    assert shell("$MIPBAKE | head -n 1", "inspect", folder)[::2] == (0, "")
-    assert shell("$MIPBAKE | true", "--help")[::2] == (0, "")
 
 
 @pytest.mark.long
@@ -102,7 +93,7 @@ def test_signals_while_the_program_loads_end_it_in_a_sentence(
         "fstat = os.fstat; os.fstat = lambda number: (setattr(os, 'fstat', fstat), print(flush=True), "
         "[time.sleep(0.05) for _ in range({naps})], fstat(number))[-1]; start.run()"
     )
-    for delay in (0.0, 0.05, 0.1, 0.2, 0.4, 0.8):
+    for delay in (0.0, 0.1, 0.4):
         # The first signal finds the program where nothing is begun. It naps, as a signal that comes just before a sleep
         # does not end that sleep.
         waiting = program.format(naps=0 if delay else 1200)
@@ -137,15 +128,6 @@ def test_signals_before_the_command_is_known_end_it_in_a_sentence(
     assert done.stderr.count("\n") == 1 and "nothing unfinished was left behind" in done.stderr
 
 
-@pytest.mark.long
-def test_kills_at_random_leave_a_whole_result(tmp_path: Path) -> None:
-    write_set(tmp_path / "set", **bumps(64, 64))
-    command = [sys.executable, ROOT / "tests" / "random_kills.py", tmp_path, "12", str(random.randrange(10**6))]
-    done = subprocess.run(command, capture_output=True, text=True, env=ENVIRONMENT, timeout=1800, check=False)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.count("\n") <= 2 and "neither" not in done.stdout, (command[-1], done.stdout)
-
-
 @pytest.mark.parametrize("stream", ["stdout", "stderr"])
 def test_lines_arrive_at_once_without_buffers(stream: str) -> None:
     """As in containers, where PYTHONUNBUFFERED is set and a log is read while the program runs."""
@@ -161,15 +143,3 @@ def test_lines_arrive_at_once_without_buffers(stream: str) -> None:
         assert ready == [out] and out is not None and os.read(out.fileno(), 99) == b"a line\n"
         running.communicate()
     assert running.returncode == 0
-
-
-def test_a_signal_that_python_swallows_comes_again() -> None:
-    program = (
-        "import signal, time\nfrom mipbake.cli import main as loaded\n"
-        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        "class Freed:\n    def __del__(self): signal.raise_signal(signal.SIGINT)\n"
-        "def main(arguments):\n    Freed()\n    time.sleep(60)\n    return 0\n"
-        "loaded.main = main\nloaded.run()\n"
-    )
-    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, env=ENVIRONMENT, check=False)
-    assert run.returncode == 130 and run.stderr.count("\n") == 1 and "Traceback" not in run.stderr, run.stderr

@@ -10,24 +10,22 @@ import numpy as np
 import OpenImageIO
 import pytest
 
-from mipbake.base.errors import InputError
 from mipbake.source.layout import FileLayout
 from mipbake.stack.containers import DEFAULT_FORMAT, FORMATS, format_named
 from mipbake.stack.file_info import file_info
 from mipbake.stack.gpu_files import GpuFile
-from mipbake.stack.manifest import read_output
 from mipbake.stack.output import Output
 from mipbake.stack.packing import SEPARATE
-from mipbake.stack.saving import open_stack
 from mipbake.stack.stack import MipStack
 
 from .gpu_textures import halved, openimageio_levels, read_ktx2
-from .stacks import made_stack
+from .stacks import made_stack, read_output
 
 NAMES = [f"{name}:{texels}" for name, kinds in FORMATS.items() for texels in kinds]
 EXACT = [name for name in NAMES if format_named(name).exact]
 GPU = [name for name in NAMES if isinstance(format_named(name), GpuFile)]
-SIZES = [(8, 8), (7, 5), (1, 9), (12, 1), (1, 1)]
+READ_BY_OPENIMAGEIO = [name for name in EXACT if not name.startswith("ktx2") and name != "dds:rgba16f"]
+SIZES = [(7, 5), (12, 1)]
 """(height, width)."""
 
 every_format = pytest.mark.parametrize("fmt", NAMES)
@@ -82,37 +80,8 @@ def test_advice_leads_from_every_format_to_the_most_precise(fmt: str) -> None:
     assert exact == sorted(exact)  # blocks are left and never come back
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("size", SIZES)
-@pytest.mark.parametrize("fmt", EXACT)
-def test_exact_texels_come_back_bit_for_bit(tmp_path, fmt: str, size: tuple[int, int]) -> None:
-    """What comes back is what the texels say, and they are the nearest that there are."""
-    stack = made_stack(size)
-    stack.save(tmp_path / "s", format=fmt)
-    found = {file.layout.name: file for file in read_output(tmp_path / "s", 0)}
-    assert set(found) == {layout.name for layout, _ in stack.maps()}
-    sizes = [(height, width) for width, height in halved(size[1], size[0])]
-    for name, file in found.items():
-        wanted = in_file(stack, name, fmt)
-        assert [level.shape[:2] for level in file.levels] == [level.shape[:2] for level in wanted]
-        assert name == "occlusion" or [level.shape[:2] for level in wanted] == sizes
-        for back, level in zip(file.levels, wanted, strict=True):
-            texels = texels_of(level, fmt)
-            np.testing.assert_array_equal(
-                file.container.quantise(_values(back, name, fmt), file.layout), texels, err_msg=f"{name} {level.shape}"
-            )
-
-
-def _values(level: np.ndarray, name: str, fmt: str) -> np.ndarray:
-    """File values of what was read."""
-    if name == "normal":
-        return (level.astype(float) + 1) / 2
-    return srgb(level) if level.shape[2] == 3 and fmt.split(":")[1] in ("8", "16", "rgba8") else level.astype(float)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("size", SIZES)
-@pytest.mark.parametrize("fmt", [name for name in EXACT if format_named(name).openimageio])
+@pytest.mark.parametrize("fmt", READ_BY_OPENIMAGEIO)
 def test_others_read_the_same_texels(tmp_path, fmt: str, size: tuple[int, int]) -> None:
     """Through OpenImageIO, which reads neither KTX 2 nor half floats in DDS."""
     stack = made_stack(size)
@@ -123,39 +92,6 @@ def test_others_read_the_same_texels(tmp_path, fmt: str, size: tuple[int, int]) 
         assert len(found) == len(wanted)
         for theirs, ours in zip(found, wanted, strict=True):
             np.testing.assert_array_equal(theirs.astype(ours.dtype), ours)
-
-
-@every_format
-def test_a_stack_opens_again(tmp_path, fmt: str) -> None:
-    stack = made_stack((8, 12))
-    stack.save(tmp_path / "s", format=fmt)
-    found = open_stack(tmp_path / "s")
-    assert (found.name, found.model, found.wrap) == (stack.name, stack.model, stack.wrap)
-    assert (found.provenance, list(found.extra)) == (stack.provenance, list(stack.extra))
-    assert [level.shape for level in found.levels] == [level.shape for level in stack.levels]
-    for level, given in zip(found.levels, stack.levels, strict=True):
-        assert np.abs(level - given).mean() < 0.02
-
-
-@every_format
-def test_colours_are_not_multiplied_by_alpha(tmp_path, fmt: str) -> None:
-    """Base colours with opacity in the fourth channel, 0, 51/255 or 1: colours stay what they are."""
-    stack = made_stack((8, 8))
-    opacity = [np.zeros((*level.shape[:2], 1), np.float32) for level in stack.levels]
-    for level in opacity:
-        level[:, : level.shape[1] // 2] = 1
-        level[: level.shape[0] // 4] = 0.2
-    stack = replace(stack, extra={"opacity": opacity})
-    stack.save(tmp_path / "s", [Output(fmt, "orm")])
-    (file,) = (file for file in read_output(tmp_path / "s", 0) if file.layout.name == "base_color")
-    assert file.levels[0].shape == (8, 8, 4)
-    near = 0.005 if file.container.exact else 0.12
-    for index, level in enumerate(file.levels):
-        assert np.abs(srgb(level[..., :3]) - srgb(stack.levels[index][..., :3])).max() < near
-        assert np.abs(level[..., 3:] - opacity[index]).max() <= (near / 4 if near > 0.1 else 1e-4)
-    if file.container.exact and file.container.openimageio:
-        (theirs, *_) = texels_in(tmp_path / "s", file.layout, fmt, len(stack.levels))
-        np.testing.assert_array_equal(theirs[..., :3], texels_of(in_file(stack, "base_color", fmt)[0], fmt))
 
 
 @pytest.mark.parametrize("fmt", [name for name in NAMES if name.startswith(("tx", "exr"))])
@@ -199,31 +135,23 @@ def test_the_texture_system_samples_our_levels(tmp_path, fmt: str) -> None:
 
 
 @every_format
-def test_info_knows_the_levels_of_every_container(tmp_path, fmt: str) -> None:
-    stack = made_stack((4, 8))
-    stack.save(tmp_path / "s", format=fmt)
+def test_info_tells_levels_colours_and_how_files_were_made(tmp_path, fmt: str) -> None:
+    """The first file of every map tells how it was made, where the container has a place for it: DDS has none."""
+    made_stack((8, 16)).save(tmp_path / "s", format=fmt, levels=2)
     for file in read_output(tmp_path / "s", 0):
-        names = file.container.files(file.layout, len(file.levels))
-        found = [size for name in names for size in file_info(tmp_path / "s" / name).levels]
-        assert found == [(level.shape[1], level.shape[0]) for level in file.levels]
-
-
-@every_format
-def test_every_container_says_how_it_was_made(tmp_path, fmt: str) -> None:
-    """The first file of every map does, where the container has a place for it: DDS has none."""
-    stack = made_stack((4, 8))
-    files = stack.save(tmp_path / "s", format=fmt)
-    maps = read_output(tmp_path / "s", 0)
-    first = {file.container.files(file.layout, len(file.levels))[0] for file in maps}
-    told = {"set": "sample", "model": "gltf", "method": "linear", "pixel_filter": "gaussian", "version": "0"}
-    assert format_named(fmt).tells or fmt.startswith("dds")
-    for path in files[1:]:
-        about = file_info(path).about
-        wanted = told if format_named(fmt).tells and path.name in first else {}
-        assert {key: about[key] for key in wanted} == wanted
-        assert bool(about) == bool(wanted)
-        if wanted:
-            assert about["wrap"] == ["wrap", "clamp"] and about["source_hash"] == "cd"
+        found = [file_info(tmp_path / "s" / name) for name in file.container.files(file.layout, len(file.levels))]
+        assert [size for each in found for size in each.levels] == [level.shape[1::-1] for level in file.levels]
+        assert len(file.levels) == (5 if fmt.startswith("exr") else 2)  # readers of EXR count on all of them
+        about = found[0].about
+        assert bool(about) == (not fmt.startswith("dds"))
+        if about:
+            assert (about["set"], about["method"], about["source_hash"], about["wrap"]) == (
+                *("sample", "linear", "cd"),
+                ["wrap", "clamp"],
+            )
+        if fmt in GPU:
+            srgb = file.layout.name == "base_color" and "16f" not in fmt
+            assert found[0].colour_space == ("sRGB" if srgb else "linear") and ("SRGB" in found[0].texels) == srgb
 
 
 @pytest.mark.parametrize("texels", ["bc", "uastc", "rgba8", "rgba16f"])
@@ -240,15 +168,6 @@ def test_key_values_of_ktx2(tmp_path, texels: str) -> None:
 
 
 @pytest.mark.parametrize("fmt", GPU)
-def test_colours_are_marked_srgb_and_data_are_not(tmp_path, fmt: str) -> None:
-    made_stack((8, 8)).save(tmp_path / "s", format=fmt)
-    for map in ("base_color", "normal", "roughness", "occlusion"):
-        found = file_info(tmp_path / "s" / f"{map}.{fmt.split(':', maxsplit=1)[0]}")
-        assert found.colour_space == ("sRGB" if map == "base_color" and "16f" not in fmt else "linear")
-        assert ("SRGB" in found.texels) == (found.colour_space == "sRGB")
-
-
-@pytest.mark.parametrize("fmt", GPU)
 def test_values_above_one_take_half_floats(tmp_path, fmt: str) -> None:
     stack = made_stack((8, 8))
     bright = replace(stack, extra={"emissive": [level[..., :3] * 7 for level in stack.levels]})
@@ -257,44 +176,3 @@ def test_values_above_one_take_half_floats(tmp_path, fmt: str) -> None:
     assert file.container.texels == "rgba16f"
     for level, given in zip(file.levels, bright.extra["emissive"], strict=True):
         np.testing.assert_array_equal(level, given.astype(np.float16).astype(np.float32))
-
-
-@every_format
-def test_fewer_levels(tmp_path, fmt: str) -> None:
-    """EXR files hold every level down to 1 x 1, whatever is asked for; readers count on it."""
-    complete = format_named(fmt).complete
-    assert complete or not fmt.startswith("exr")
-    made_stack((8, 16)).save(tmp_path / "s", format=fmt, levels=2)
-    for file in read_output(tmp_path / "s", 0):
-        assert len(file.levels) == (5 if complete else 2)
-    assert len(open_stack(tmp_path / "s").levels) == (5 if complete else 2)
-
-
-@every_format
-def test_files_of_another_stack_are_told(tmp_path, fmt: str) -> None:
-    """Files that are whole, and not those that stack.json describes: of another size, with other channels."""
-    made_stack((8, 8)).save(tmp_path / "s", format=fmt)
-    made_stack((8, 16)).save(tmp_path / "other", format=fmt)
-    (file,) = (file for file in read_output(tmp_path / "s", 0) if file.layout.name == "normal")
-    suffix = file.container.files(file.layout, len(file.levels))[0].removeprefix("normal")
-    target, other = (tmp_path / name / f"normal{suffix}" for name in ("s", "other"))
-    whole = target.read_bytes()
-    wrong = [other]
-    if "rgba" not in fmt and "uastc" not in fmt:  # where every file has as many channels
-        wrong.append(target.with_name(f"roughness{suffix}"))
-    for source in wrong:
-        target.write_bytes(source.read_bytes())
-        with pytest.raises(InputError, match=rf"normal{suffix}.*bake"):
-            open_stack(tmp_path / "s")
-    target.write_bytes(whole)
-    open_stack(tmp_path / "s")
-
-
-def test_files_are_named_after_their_maps(tmp_path) -> None:
-    stack = made_stack((4, 4))
-    for fmt in NAMES:
-        container = format_named(fmt)
-        layout = stack.files(Output(fmt, SEPARATE))[0].layout
-        assert layout.name == "base_color"
-        wanted = {"png": [f"base_color_mip{i:02}.png" for i in range(3)]}.get(container.name)
-        assert container.files(layout, 3) == (wanted or [f"base_color.{container.name}"])

@@ -14,9 +14,7 @@ from numpy.typing import NDArray
 
 import mipbake
 from mipbake.baking import neural
-from mipbake.baking.methods import OPTIONS, method_named
 from mipbake.baking.neural import Neural
-from mipbake.baking.search.methods import Searching
 from mipbake.base.device import checked_device
 from mipbake.base.errors import UsageError
 from mipbake.material import convert, model_named
@@ -26,8 +24,7 @@ from mipbake.models.base import Network
 from mipbake.models.latent_config import LatentConfig
 from mipbake.models.level_filter import FROM_TOP
 from mipbake.models.registry import list_weights, load_baker, load_network
-from mipbake.models.workers import baking_on, in_order
-from mipbake.quality.reference.problem import Problem
+from mipbake.models.workers import baking_on
 
 from .baked_levels import off
 from .command_line import fails, write_set
@@ -55,50 +52,38 @@ def leather() -> NDArray[np.float32]:
 # What cannot be used
 
 
-@pytest.mark.parametrize("name", ["gpu", "", "CUDA", "cuda:", "cuda:-1", "cuda:1.5", "cuda:01", "cpu:0", "mps", "meta"])
-def test_an_unknown_device_is_a_sentence_whatever_is_installed(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_torch_names_are_checked_and_a_sentence_says_what_to_type(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "torch", None)
-    with pytest.raises(UsageError, match=f"unknown device '{name}': expected cpu, cuda, or cuda:1"):
-        checked_device(name)
-
-
-def test_without_torch_the_sentence_says_what_to_type(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "torch", None)
+    for name in ("gpu", "CUDA", "cuda:-1", "cuda:01", "cpu:0"):
+        with pytest.raises(UsageError, match=f"unknown device '{name}': expected cpu, cuda, or cuda:1"):
+            checked_device(name)
     assert checked_device("cpu") == "cpu"
     with pytest.raises(UsageError, match=r"the device cuda needs torch, .* python -m pip install \"mipbake\[train\]\""):
         checked_device("cuda")
 
 
 @pytest.mark.parametrize(
-    ("built", "told"), [(None, "was built without CUDA"), ("12.8", "torch finds no graphics card")]
+    ("built", "cards", "name", "sentence"),
+    [
+        (None, 0, "cuda", r"the device cuda cannot be used \(.*was built without CUDA\).* to train on the processor"),
+        ("12.8", 0, "cuda:1", r"the device cuda:1 cannot be used \(torch finds no graphics card\)"),
+        ("12.8", 1, "cuda:3", "there is no device cuda:3: expected cuda$"),
+        ("12.8", 3, "cuda:3", "there is no device cuda:3: expected cuda:0 to cuda:2"),
+        ("12.8", 1, "cuda:0", r"cannot be used \(CUDA error: no kernel image is available\): expected"),
+    ],
 )
-def test_cuda_that_torch_does_not_reach_is_a_sentence(
-    built: str | None, told: str, monkeypatch: pytest.MonkeyPatch
+def test_a_card_that_cannot_be_used_is_a_sentence(
+    built: str | None, cards: int, name: str, sentence: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(torch.version, "cuda", built)
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    for name, verb in (("cuda", "bake"), ("cuda:1", "train")):
-        with pytest.raises(UsageError, match=rf"the device {name} cannot be used \(.*{told}\).* to {verb} on the proc"):
-            checked_device(name, verb)
-
-
-@pytest.mark.parametrize(("count", "expected"), [(1, "expected cuda$"), (3, "expected cuda:0 to cuda:2")])
-def test_a_card_that_there_is_not_is_a_sentence(count: int, expected: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
-    monkeypatch.setattr(torch.cuda, "device_count", lambda: count)
-    with pytest.raises(UsageError, match=f"there is no device cuda:3: {expected}"):
-        checked_device("cuda:3")
-
-
-def test_a_card_that_calculates_nothing_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     def ones(*_: object, device: str) -> None:
         raise RuntimeError("CUDA error: no kernel image is available\nCompile with ...")
 
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
-    monkeypatch.setattr(torch.cuda, "device_count", lambda: 1)
+    monkeypatch.setattr(torch.version, "cuda", built)
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: cards > 0)
+    monkeypatch.setattr(torch.cuda, "device_count", lambda: cards)
     monkeypatch.setattr(torch, "ones", ones)
-    with pytest.raises(UsageError, match=r"cannot be used \(CUDA error: no kernel image is available\): expected"):
-        checked_device("cuda:0")
+    with pytest.raises(UsageError, match=sentence):
+        checked_device(name, "train")
 
 
 def test_a_card_with_too_little_memory_is_a_sentence() -> None:
@@ -125,19 +110,6 @@ def test_commands_say_it_before_anything_is_made(tmp_path: Path, capsys: pytest.
 
 
 # The default
-
-
-def test_the_processor_is_the_default_bit_for_bit() -> None:
-    stored = bumpy(24, 20)
-    made = [
-        method(stored, "gltf", "gltf", "gaussian", TORUS, lambda _: None).levels
-        for method in (method_named("neural"), method_named("neural", device="cpu"), Neural(), Neural(device="cpu"))
-    ]
-    for others in made[1:]:
-        for level, other in zip(made[0], others, strict=True):
-            np.testing.assert_array_equal(level, other)
-    info = list_weights()[0]
-    assert type(load_baker(info)) is type(load_baker(info, "cpu")) and not isinstance(load_baker(info), Network)
 
 
 # Another device
@@ -178,19 +150,6 @@ def test_large_tiles_and_one_thread_show_in_rounding_alone(monkeypatch: pytest.M
         assert np.quantile(off(target, baked, other), 0.99) < 1e-4, name
 
 
-def test_one_item_after_the_other_in_the_thread_that_asks() -> None:
-    before = torch.get_num_threads()
-    torch.set_num_threads(3)
-    try:
-        begun: list[int] = []
-        results = in_order(begun.append, range(5), META)
-        next(results)
-        assert begun == [0]
-        assert list(in_order(lambda _: torch.is_inference_mode_enabled(), range(3), META)) == [True] * 3
-    finally:
-        torch.set_num_threads(before)
-
-
 @pytest.fixture
 def any_device(monkeypatch: pytest.MonkeyPatch) -> None:
     """Takes any name for a device."""
@@ -212,21 +171,6 @@ def test_the_method_bakes_where_it_is_told_to(weights: str | None) -> None:
         assert bool(parameters) == (fetched == 1) and watched.fetched
 
 
-@pytest.mark.long
-@pytest.mark.usefixtures("any_device")
-@pytest.mark.parametrize("name", [name for name in OPTIONS["device"] if name != "neural"])
-def test_methods_that_search_tell_their_network(name: str) -> None:
-    method = method_named(name, device="meta")
-    assert isinstance(method, Searching)
-    stored = bumpy(48, 40)
-    with Watched() as watched:
-        (learned,) = method.networks(Problem(stored, "gltf", "gltf", "gaussian", TORUS))
-        assert watched.fetched[0][:2] == (16, 16), "the first call, before anything is timed"
-        count = len(watched.fetched)
-        assert [level.shape[:2] for level in learned.bake()] == level_sizes(48, 40)
-        assert len(watched.fetched) > count
-
-
 # A graphics card
 
 
@@ -239,14 +183,3 @@ def test_a_graphics_card_bakes_what_the_processor_bakes(info) -> None:  # type: 
     low, high = np.array(model_named(target).limits, np.float32).T
     for here in (load_network(info).bake(*asked), load_baker(info).bake(*asked)):
         assert (off(target, there, here) / (high - low)).max() < 1e-4
-
-
-@ON_GPU
-def test_auto_bakes_with_a_graphics_card() -> None:
-    rng = np.random.default_rng(0)
-    texture_set = mipbake.TextureSet.from_arrays(
-        "coloured", base_color=rng.random((32, 32, 3)), normal=np.tile([0.0, 0.0, 1.0], (32, 32, 1)), roughness=0.3
-    )
-    stack = mipbake.bake(texture_set, device="cuda")
-    assert [level.shape[:2] for level in stack.levels] == level_sizes(32, 32)
-    assert all(np.isfinite(level).all() for level in stack.levels)

@@ -13,8 +13,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mipbake.stack.containers import FORMATS
-
 from .command_line import write_set
 
 if sys.platform == "win32":
@@ -75,21 +73,6 @@ def check_writers(folder: Path, how: str) -> None:
 
 
 @pytest.mark.long
-def test_a_write_that_fails_is_never_lost(tmp_path: Path) -> None:
-    """Whichever it is: libraries write the last part of some files as they close them, and do not say how that went."""
-    if shutil.which("strace") is None:
-        pytest.skip("strace makes writes fail")
-    command = [sys.executable, STEPS.with_name("lost_writes_steps.py"), tmp_path]
-    subprocess.run(command, check=True, env=ENVIRONMENT, timeout=300)
-    for number in (2, 4):
-        fails = ["strace", "-f", "--seccomp-bpf", "-qq", "-o", os.devnull, "-e", "trace=write", "-e"]
-        fails += [f"inject=write:error=EIO:when={number}", *command]
-        done = subprocess.run(fails, capture_output=True, text=True, env=ENVIRONMENT, timeout=300, check=False)
-        refused, _, rest = done.stdout.partition(" of ")
-        assert done.returncode == 0 and rest.count("\n") == 1 and int(refused) >= 6, done
-
-
-@pytest.mark.long
 def test_every_writer_says_that_a_file_gets_too_long(tmp_path: Path) -> None:
     check_writers(tmp_path, "limit")
 
@@ -100,7 +83,7 @@ def test_every_writer_says_that_the_disk_is_full(disk: Path) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("fmt", [*FORMATS, "glb"])
+@pytest.mark.parametrize("fmt", ["exr", "png", "dds", "glb"])
 def test_a_bake_beyond_a_limit_of_files_exits_4(noise: Path, tmp_path: Path, fmt: str) -> None:
     code, err = bake(noise, tmp_path / "out", "--format", fmt, limit=4096)
     assert code == 4 and "the file is larger than its file system or a limit of the session allows" in err, err

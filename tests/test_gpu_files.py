@@ -250,23 +250,6 @@ def test_one_channel_fills_all_colours(name: str) -> None:
             assert level[..., 3:].min(initial=255) >= (254 if name == "BC7_UNORM_BLOCK" else 255)
 
 
-@pytest.mark.parametrize("channels", [3, 4])
-def test_opaque_blocks_of_colours_are_opaque(channels: int) -> None:
-    """Half of the texels are covered: in whole blocks, and across some."""
-    levels = smooth_levels(channels, 96, 96, seed=3)
-    for level in levels:
-        level[..., 3:] = 255
-        level[: level.shape[0] // 2 + 1, : level.shape[1] // 2, 3:] = 0
-    colours, data = (GPU_FORMATS[name] for name in ("BC7_SRGB_BLOCK", "BC7_UNORM_BLOCK"))
-    found, before = (from_blocks(GpuTexture(made, 96, 96, to_blocks(levels, made), {})) for made in (colours, data))
-    assert min(level[level.shape[0] // 2 + 4 :, :, 3].min(initial=255) for level in before) == 254
-    for level, other, wanted in zip(found, before, levels, strict=True):
-        side = wanted.shape[0] // 2 // 4 * 4 + 4
-        assert (level[side:, :, 3] == 255).all()
-        assert psnr(level[..., :3], wanted[..., :3]) > min(psnr(other[..., :3], wanted[..., :3]), 49) - 0.3
-        np.testing.assert_array_equal(level[..., 3] >= 128, other[..., 3] >= 128)
-
-
 def test_bc7_runs_nothing_that_lies_in_the_working_directory(tmp_path, monkeypatch) -> None:
     for name in ("struct.py", "etcpak.py"):
         (tmp_path / name).write_text(f"open({str(tmp_path / 'was_run')!r}, 'w').close()\n")

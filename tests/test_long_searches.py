@@ -23,7 +23,7 @@ from mipbake.baking.search.long_run import LongRun, Stop, never
 from mipbake.baking.search.methods import Auto
 from mipbake.base import checkpoints
 from mipbake.base.errors import UsageError
-from mipbake.cli.bake_stopping import Stopping
+from mipbake.cli.bake_output import Stopping
 
 from .command_line import bumps, write_set
 from .long_searches import ManyRegions, with_many_regions, without_pauses

@@ -52,9 +52,6 @@ RARE = {"torch"}
 """What commands import without `extra` around it, for networks of architectures that the native core does not have. The
 command line says what to type where it is missing, and tests/test_extras.py bakes without it."""
 
-INDIRECT = {"archspec"}
-"""Requirements that nothing here imports: another package needs them and does not say so."""
-
 NEWER = {"compression"}
 """What only newer versions of Python have in their standard library."""
 
@@ -122,24 +119,6 @@ def lacking(found: Iterable[str], base: set[str]) -> dict[str, set[str]]:
 @pytest.mark.long
 def test_the_base_install_has_what_the_commands_import() -> None:
     assert lacking(reachable(), requirements()) == {}
-
-
-@pytest.mark.long
-def test_a_missing_requirement_is_found() -> None:
-    base = requirements()
-    for name in ("numpy", "openimageio", "typer", "pillow"):
-        assert lacking(reachable(), base - {name}), name
-    assert ("skimage", "compare") in wanted(reachable())
-    assert list(foreign(ast.parse("def f():\n    with extra('compare', 'x'):\n        import colour"))) == [
-        ("colour", "compare")
-    ]
-
-
-@pytest.mark.long
-def test_the_base_install_has_nothing_that_no_command_imports() -> None:
-    distributions = metadata.packages_distributions()
-    used = {each.lower() for name, _ in wanted(reachable()) for each in distributions.get(name, [name])}
-    assert requirements() - used - INDIRECT == set()
 
 
 def test_extras_bring_what_is_asked_of_them() -> None:

@@ -14,12 +14,12 @@ from mipbake.base.errors import UsageError
 from mipbake.material.pixel_filter import level_sizes
 from mipbake.source.layout import LAYOUTS, extra_layout, to_file
 from mipbake.stack.output import Output
-from mipbake.stack.packing import PACKINGS, Normals, PackedFile, Piece, pack, source_files, unpacked
+from mipbake.stack.packing import PACKINGS, Normals, PackedFile, Piece, pack, unpacked
 
 from . import packed_sets
 from .gpu_textures import openimageio_levels
 from .input_files import encoded
-from .packed_sets import AO, COLOUR, METAL, NORMALS, OPACITY, OTHER, ROUGH, box_levels, grey
+from .packed_sets import AO, METAL, NORMALS, OTHER, ROUGH, box_levels, grey
 from .stacks import gltf_level, smooth
 
 SETS = [packed_sets.orm, packed_sets.mask_map, packed_sets.glossy_directx, packed_sets.two_channels]
@@ -70,17 +70,8 @@ def test_level_0_of_a_source_is_the_same_files_again(tmp_path, made, method) -> 
             assert np.abs(after.astype(int) - before).max() <= 1, name
 
 
-def test_channels_of_an_orm(tmp_path) -> None:
-    levels, stack = out(packed_sets.orm(tmp_path / "wood"), method="lean")
-    packed = levels["wood_orm"]
-    assert [level.shape for level in packed] == [(16, 16, 3), (8, 8, 3), (4, 4, 3), (2, 2, 3), (1, 1, 3)]
-    for index, level in enumerate(stack.levels):
-        np.testing.assert_array_equal(packed[index][..., 1], rounded(level[..., 4]))
-        np.testing.assert_array_equal(packed[index][..., 2], rounded(level[..., 3]))
-
-
 @pytest.mark.parametrize("made", [packed_sets.orm, packed_sets.mask_map])
-@pytest.mark.parametrize("method", ["linear", "lean", "vmf"])
+@pytest.mark.parametrize("method", ["linear", "lean"])
 def test_occlusion_and_carried_channels_are_plain_averages(tmp_path, made, method) -> None:
     """Level 0 is the same bytes, further levels averages of four, whatever the method makes of roughness."""
     levels, _ = out(made(tmp_path / "wood"), method=method)
@@ -92,15 +83,6 @@ def test_occlusion_and_carried_channels_are_plain_averages(tmp_path, made, metho
             assert np.abs(found[..., channel] - wanted).max() <= 0.5 + 1e-3
 
 
-def test_gloss_stays_gloss_and_directx_stays_directx(tmp_path) -> None:
-    levels, stack = out(packed_sets.glossy_directx(tmp_path / "wood"), method="lean")
-    for index, level in enumerate(stack.levels):
-        gloss, normal = levels["wood_gloss"][index], levels["wood_normal_dx"][index]
-        np.testing.assert_array_equal(gloss, rounded(1 - level[..., 4].astype(float)))
-        np.testing.assert_array_equal(normal[..., 1], rounded((1 - level[..., 6].astype(float)) / 2))
-    np.testing.assert_array_equal(levels["wood_gloss"][0], ROUGH)
-
-
 @pytest.mark.parametrize("packing", ["separate", "orm", "mask-map", "metallic-smoothness"])
 @pytest.mark.parametrize("convention", ["source", "opengl", "directx"])
 @pytest.mark.parametrize("made", [packed_sets.orm, packed_sets.glossy_directx])
@@ -109,55 +91,6 @@ def test_green_of_normals_in_every_packing(tmp_path, made, packing, convention) 
     down = made is packed_sets.glossy_directx if convention == "source" else convention == "directx"
     wanted = encoded(NORMALS, directx=down)
     assert np.abs(levels["normal"][0].astype(int) - wanted).max() <= 1
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("convention", ["opengl", "directx"])
-@pytest.mark.parametrize(
-    ("opengl", "directx"),
-    [
-        ("wood_normal_gl", "wood_normal_dx"),
-        ("Wood_1K_NormalGL", "Wood_1K_NormalDX"),
-        ("wood_Normal_OpenGL_2k", "wood_Normal_DirectX_2k"),
-        ("WOOD_NRM_GL", "WOOD_NRM_DX"),
-    ],
-)
-def test_names_tell_the_convention_that_is_written(tmp_path, opengl, directx, convention) -> None:
-    for number, (stem, down) in enumerate([(opengl, False), (directx, True)]):
-        given = {"wood_normal_gl": None, "wood_roughness": ROUGH, stem: encoded(NORMALS, directx=down)}
-        folder = packed_sets.write(tmp_path / f"wood{number}", **given)
-        levels, _ = out(folder, Output("png", "source", Normals(convention)))
-        assert {opengl, directx} & set(levels) == {opengl if convention == "opengl" else directx}
-        levels, _ = out(folder)
-        assert stem in levels
-
-
-def test_names_that_tell_no_convention_stay(tmp_path) -> None:
-    names = {"jungle_normal": encoded(NORMALS), "jungle_base_color": COLOUR, "jungle_roughness_dx": ROUGH}
-    folder = packed_sets.write(tmp_path / "jungle", wood_normal_gl=None, wood_base_color=None, **names)
-    stack = mipbake.bake(mipbake.load(folder, maps={"roughness": "jungle_roughness_dx.png"}), "linear")
-    files = stack.files(Output("png", "source", Normals("directx")))
-    assert {file.layout.name for file in files} >= set(names)
-
-
-def test_two_channels_stay_two(tmp_path) -> None:
-    levels, _ = out(packed_sets.two_channels(tmp_path / "wood"))
-    assert levels["wood_normal"][0].shape == (16, 16, 2)
-    levels, _ = out(tmp_path / "wood", Output("png", "separate"))
-    assert levels["normal"][0].shape == (16, 16, 3)
-    levels, _ = out(packed_sets.orm(tmp_path / "orm"), Output("png", "orm", Normals("opengl", 2)))
-    assert levels["normal"][0].shape == (16, 16, 2)
-
-
-def test_opacity_in_the_alpha_of_base_colours(tmp_path) -> None:
-    whole = np.concatenate([COLOUR, OPACITY[..., None]], -1)
-    folder = packed_sets.write(tmp_path / "wood", wood_base_color=whole, wood_roughness=ROUGH)
-    levels, _ = out(folder)
-    np.testing.assert_array_equal(levels["wood_base_color"][0][..., 3], OPACITY)
-    assert np.abs(levels["wood_base_color"][0][..., :3].astype(int) - COLOUR).max() <= 1
-    levels, _ = out(folder, Output("png", "separate"))
-    assert levels["base_color"][0].shape == (16, 16, 3)
-    np.testing.assert_array_equal(levels["opacity"][0], OPACITY)
 
 
 PACKED = {
@@ -184,11 +117,6 @@ def test_packings(tmp_path, packing, smooth) -> None:
     assert set(levels) == names
     wanted = np.stack(packed(255 - ROUGH if smooth else ROUGH), -1).squeeze().astype(int)
     assert np.abs(levels[stem][0] - wanted).max() <= 1
-
-
-def test_maps_that_are_not_there_are_constants_in_a_packed_file(tmp_path) -> None:
-    levels, _ = out(packed_sets.glossy_directx(tmp_path / "other"), Output("png", "orm"))
-    assert (levels["orm"][0][..., 0] == 255).all() and (levels["orm"][0][..., 2] == 0).all()
 
 
 @pytest.mark.parametrize("side", [8, 32, 12])
@@ -218,21 +146,6 @@ def test_coverage_survives_a_file_of_another_size(tmp_path) -> None:
     (file,) = (file for file in stack.files(Output("exr:float", "orm")) if file.layout.name == "base_color")
     for level, own in zip(file.levels[1:], stack.extra["opacity"], strict=True):
         np.testing.assert_array_equal(level[..., 3:], own)
-
-
-def test_names_that_differ_by_case_only(tmp_path) -> None:
-    """Where upper and lower case are the same, one file would overwrite the other."""
-    folder = packed_sets.write(tmp_path / "wood", wood_base_color=None, wood_normal_gl=None, wood_roughness=None)
-    for stem, pixels in (("A", COLOUR), ("a", encoded(NORMALS)), ("a_2", ROUGH)):
-        packed_sets.write_image(folder / f"{stem}.png", pixels)
-    maps = {"base_color": "A.png", "normal": "a.png", "roughness": "a_2.png"}
-    texture_set = mipbake.load(folder, maps=maps)
-    names = [file.name for file in source_files(texture_set)]
-    assert len({name.lower() for name in names}) == len(names)
-    stack = mipbake.bake(texture_set, "linear", pixel_filter="box")
-    stack.save(tmp_path / "s", "png")
-    found = mipbake.open_stack(tmp_path / "s").levels[0]
-    assert np.abs(found - stack.levels[0]).max() < 0.01
 
 
 def test_unknown_names_are_usage_errors() -> None:

@@ -7,15 +7,13 @@ import os
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from mipbake.base import publish
 from mipbake.base.errors import OutputError
 from mipbake.base.leftovers import remove, unfinished
-from mipbake.base.publish import check_file, check_place, published, replaced_file, temporary_folder
+from mipbake.base.publish import check_file, check_place, published, replaced_file
 from mipbake.cli.main import main
 
 from .command_line import fails, write_set
@@ -68,28 +66,6 @@ def test_a_result_survives_a_stop_at_every_step(tmp_path: Path, arguments: str) 
     first, *wrong = out.strip().splitlines()
     assert int(first.split()[0]) > 80, first
     assert not wrong, "\n".join(wrong[:10])
-
-
-@pytest.mark.parametrize("exchange", [True, False])
-def test_both_ways_of_replacing_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, exchange: bool) -> None:
-    if not exchange:
-        without_exchange(monkeypatch)
-    for text in ("one", "two", "three"):
-        publish_text(tmp_path / "set", text)
-        assert (tmp_path / "set" / "text").read_text() == text
-        assert names(tmp_path) == ["set"] and not unfinished()
-
-
-def test_names_are_exchanged_where_the_file_system_can(tmp_path: Path) -> None:
-    if sys.platform != "linux":
-        pytest.skip("only Linux exchanges two names")
-    for name in "ab":
-        (tmp_path / name).mkdir()
-        (tmp_path / name / name).touch()
-    if not publish.exchanged(tmp_path / "a", tmp_path / "b"):
-        pytest.skip(f"the file system of {tmp_path} does not exchange two names")
-    assert (tmp_path / "a" / "b").exists() and (tmp_path / "b" / "a").exists()
-    assert not publish.exchanged(tmp_path / "a", tmp_path / "none")
 
 
 def test_a_folder_that_got_other_files_meanwhile_stays(tmp_path: Path) -> None:
@@ -162,38 +138,16 @@ def test_many_at_once_leave_one_whole_result(tmp_path: Path, monkeypatch: pytest
     assert names(tmp_path / "new") == ["set"] and (tmp_path / "new" / "set" / "text").read_text() in "0123"
 
 
-@pytest.mark.parametrize("read", range(3))
-def test_another_process_takes_the_earlier_result_while_it_is_read(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, read: int
+def test_another_process_takes_the_name_in_the_middle_of_a_swap(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    publish_text(tmp_path / "set", "old")
-    iterdir = Path.iterdir
-    reads: list[Path] = []
-
-    def taken(folder: Path) -> Iterator[Path]:
-        if folder == tmp_path / "set":
-            if len(reads) == read:
-                remove(folder)
-            reads.append(folder)
-        return iterdir(folder)
-
-    monkeypatch.setattr(Path, "iterdir", taken)
-    publish_text(tmp_path / "set", "new")
-    assert len(reads) > read and (tmp_path / "set" / "text").read_text() == "new"
-
-
-@pytest.mark.parametrize("taken", ["what was moved aside", "the name"])
-def test_another_process_in_the_middle_of_a_swap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, taken: str) -> None:
     without_exchange(monkeypatch)
     publish_text(tmp_path / "set", "old")
     rename = Path.rename
     others: list[str] = []
 
     def interrupted(source: Path, goal: Path) -> Path:
-        if taken == "what was moved aside" and source.suffix == ".old":  # cleaned up, because the new result is there
-            others.append(source.name)
-            remove(source)
-        if taken == "the name" and source.suffix == ".partial" and goal.exists() and not others:
+        if source.suffix == ".partial" and goal.exists() and not others:
             others.append(goal.name)
             try:
                 return rename(source, goal)
@@ -207,35 +161,25 @@ def test_another_process_in_the_middle_of_a_swap(tmp_path: Path, monkeypatch: py
     assert names(tmp_path) == ["set"] and (tmp_path / "set" / "text").read_text() == "new"
 
 
-@pytest.mark.parametrize("fails", ["to its temporary name", "to its temporary name, nor be removed", "to its own name"])
-def test_what_is_said_of_an_earlier_result_that_cannot_be_moved(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fails: str
-) -> None:
-    """The new result is there, and nothing says otherwise; or the old one is there, and the sentence says where."""
+def test_an_earlier_result_that_cannot_be_moved_back_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The next bake of it gives it its name back."""
     without_exchange(monkeypatch)
     publish_text(tmp_path / "set", "old")
     rename = Path.rename
-    own = fails == "to its own name"
 
     def refused(source: Path, goal: Path) -> Path:
-        if source.suffix == ".old" or (own and source.suffix == ".partial" and (tmp_path / "set").exists() is False):
+        if source.suffix == ".old" or (source.suffix == ".partial" and not (tmp_path / "set").exists()):
             raise OSError(5, "Input/output error")
         return rename(source, goal)
 
     monkeypatch.setattr(Path, "rename", refused)
-    if fails.endswith("removed"):
-        monkeypatch.setattr("mipbake.base.publish.remove", lambda _path: None)
-    if own:
-        with pytest.raises(OutputError, match=r"the earlier result is .*\.old, and the next bake") as caught:
-            publish_text(tmp_path / "set", "new")
-        (aside,) = names(tmp_path)
-        assert aside in str(caught.value) and (tmp_path / aside / "text").read_text() == "old"
-    else:
+    with pytest.raises(OutputError, match=r"the earlier result is .*\.old, and the next bake") as caught:
         publish_text(tmp_path / "set", "new")
-        assert (tmp_path / "set" / "text").read_text() == "new"
+    (aside,) = names(tmp_path)
+    assert aside in str(caught.value) and (tmp_path / aside / "text").read_text() == "old"
     monkeypatch.undo()
     check_place(tmp_path / "set", ours)
-    assert names(tmp_path) == ["set"] and (tmp_path / "set" / "text").read_text() == ("old" if own else "new")
+    assert names(tmp_path) == ["set"] and (tmp_path / "set" / "text").read_text() == "old"
 
 
 def test_what_cannot_be_removed_is_remembered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -278,27 +222,3 @@ def test_what_engines_put_beside_files_moves_on(tmp_path: Path, capsys: pytest.C
     (result / "nothing.png.meta").write_text("guid: 3")
     assert "files that are not mipbake's" in fails(capsys, 4, *bake)
     assert (result / "nothing.png.meta").exists() and kept.read_text() == "guid: 1"
-
-
-def test_temporary_files_of_killed_processes_are_removed_and_no_others(tmp_path: Path) -> None:
-    code = """
-import sys
-from pathlib import Path
-from mipbake.base.publish import temporary_folder
-
-with temporary_folder(Path(sys.argv[1])) as folder:
-    (folder / "large").write_text("text")
-    print(folder.name, flush=True)
-    sys.stdin.read()
-"""
-    killed, alive = program(code, tmp_path), program(code, tmp_path)
-    assert killed.stdout is not None and alive.stdout is not None
-    theirs, others = killed.stdout.readline().strip(), alive.stdout.readline().strip()
-    killed.kill()
-    killed.wait()
-    assert names(tmp_path) == sorted([theirs, others])
-    with temporary_folder(tmp_path) as own:
-        assert names(tmp_path) == sorted([own.name, others]) and names(tmp_path / others) == ["large"]
-        assert own.stat().st_mode & 0o777 == 0o700
-    alive.communicate()
-    assert names(tmp_path) == []

@@ -35,7 +35,7 @@ from mipbake.quality.reference.estimate import reference
 from mipbake.quality.reference.problem import Problem
 from mipbake.quality.reference.sequences import random_points
 from mipbake.quality.round_lookups import candidate
-from mipbake.stack.promise import measured_from
+from mipbake.stack.measured import measured_from
 
 from .no_default_weights import hide_defaults
 from .quick_methods import quick_methods

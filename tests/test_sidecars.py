@@ -13,6 +13,8 @@ from PIL import Image
 import mipbake
 from mipbake.cli.main import main
 from mipbake.stack.manifest import is_stack_folder
+from mipbake.stack.output import Output
+from mipbake.stack.sidecars import sidecar_named
 
 from .command_line import fails, write_png, write_set
 
@@ -58,25 +60,23 @@ def test_ntc_lists_every_level_of_every_map(source: Path, tmp_path: Path) -> Non
 
 
 def test_packed_files_tell_what_lies_where(source: Path, tmp_path: Path) -> None:
-    options = mipbake.BakeOptions(method="linear", format="png:16", packing="orm", sidecar="ntc", max_level=1)
-    mipbake.bake_all(source, tmp_path / "out", options)
-    labels = {each["name"]: each["semantics"] for each in entries(tmp_path / "out" / "wood")}
-    assert labels["orm"] == {"Occlusion": "R", "Roughness": "G", "Metalness": "B"}
-    mipbake.bake_all(source, tmp_path / "unity", options, packing="mask-map")
-    labels = {each["name"]: each["semantics"] for each in entries(tmp_path / "unity" / "wood")}
-    assert labels["mask_map"] == {"Metalness": "R", "Occlusion": "G", "Glossiness": "A"}
+    stack = mipbake.bake(mipbake.load(source), "linear")
+    for packing, name, wanted in (
+        ("orm", "orm", {"Occlusion": "R", "Roughness": "G", "Metalness": "B"}),
+        ("mask-map", "mask_map", {"Metalness": "R", "Occlusion": "G", "Glossiness": "A"}),
+    ):
+        stack.save(tmp_path / name, [Output("png:16", packing)], levels=2, sidecar="ntc")
+        assert {each["name"]: each["semantics"] for each in entries(tmp_path / name)}[name] == wanted
 
 
-def test_what_is_too_much_is_left_out_and_told(source: Path, tmp_path: Path) -> None:
-    direction = np.tile(np.uint8([255, 128, 128]), (16, 16, 1))
-    write_png(source / "anisotropy.png", direction)
+def test_what_is_too_much_is_left_out_and_said(source: Path) -> None:
+    write_png(source / "anisotropy.png", np.tile(np.uint8([255, 128, 128]), (16, 16, 1)))
     write_png(source / "opacity.png", np.full((16, 16), 200, np.uint8))
-    options = mipbake.BakeOptions(method="linear", sidecar="ntc", packing="separate")
-    (made,) = mipbake.bake_all(source, tmp_path / "out", options)
-    assert isinstance(made, mipbake.BakedSet)
-    listed = entries(tmp_path / "out" / "wood")
+    files = mipbake.bake(mipbake.load(source), "linear").files(Output("png", "separate"))
+    made = sidecar_named("ntc", files)
+    listed = json.loads(made.content)["textures"]
     assert sum(sum(map(len, each["semantics"].values())) or 3 for each in listed if each["mipLevel"] == 0) <= 16
-    assert any("has at most 16 channels" in warning for warning in made.warnings)
+    assert all("has at most 16 channels" in sentence for sentence in made.left_out) and made.left_out
     assert {"base_color", "normal", "roughness", "metallic", "anisotropy"} <= {each["name"] for each in listed}
 
 

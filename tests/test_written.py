@@ -20,25 +20,22 @@ from mipbake.source.gltf.document import read_document
 from mipbake.source.texture_set import TextureSet
 from mipbake.stack.compression import cost
 from mipbake.stack.gltf.glb import multiple_of_side
-from mipbake.stack.manifest import read_output
 from mipbake.stack.output import Output
 from mipbake.stack.stack import MipStack
 from mipbake.stack.written import WORST_DIP, measure_written
 
 from .command_line import write_png, write_set
-from .gltf_files import png
-from .gltf_results import two_textures
 from .input_files import height_field
-from .stacks import smooth
+from .stacks import read_output, smooth
 
 
 def steel() -> tuple[TextureSet, MipStack]:
     """Brushed both ways, in patches."""
-    v, u = np.mgrid[:32, :32]
-    angle = np.where((u // 8 + v // 8) % 2, 1.55, 0.05) + 0.1 * smooth((32, 32), 1, 4)[..., 0]
+    v, u = np.mgrid[:16, :16]
+    angle = np.where((u // 8 + v // 8) % 2, 1.55, 0.05) + 0.1 * smooth((16, 16), 1, 4)[..., 0]
     texture_set = TextureSet.from_arrays(
         "steel",
-        normal=height_field(32, 32, steepness=0.05),
+        normal=height_field(16, 16, steepness=0.05),
         roughness=0.3,
         base_color=0.6,
         metallic=1.0,
@@ -58,13 +55,13 @@ def planted(stack: MipStack, *levels: int) -> MipStack:
 def test_a_good_stack_has_no_dip() -> None:
     texture_set, stack = steel()
     found = measure_written(texture_set, stack, stack.levels)
-    assert found.dips == () and found.lods == tuple(index / 2 for index in range(11))
-    assert all(np.isfinite(row).all() and len(row) == 11 for row in found.snr.values())
-    levels = measure_written(texture_set, stack, planted(stack, *range(6)).levels)  # all of them: d and -d are one
+    assert found.dips == () and found.lods == tuple(index / 2 for index in range(9))
+    assert all(np.isfinite(row).all() and len(row) == 9 for row in found.snr.values())
+    levels = measure_written(texture_set, stack, planted(stack, *range(5)).levels)  # all of them: d and -d are one
     assert levels == found
 
 
-@pytest.mark.parametrize("fmt", ["exr", "png:8", "ktx2:bc"])
+@pytest.mark.parametrize("fmt", ["exr", "ktx2:bc"])
 def test_planted_signs_are_found_in_what_is_read_back(tmp_path: Path, fmt: str) -> None:
     texture_set, stack = steel()
     wrong = planted(stack, 1)
@@ -77,13 +74,6 @@ def test_planted_signs_are_found_in_what_is_read_back(tmp_path: Path, fmt: str) 
     assert found.defect is not None
     assert "lod 0.5" in found.defect or "lod 1.5" in found.defect
     assert "levels of" in found.defect and "defect of mipbake" in found.defect and "\n" not in found.defect
-
-
-def test_levels_that_are_left_out_are_not_measured(tmp_path: Path) -> None:
-    texture_set, stack = steel()
-    stack.save(tmp_path / "s", [Output("png:8")], levels=3)
-    found = cost(texture_set, stack, Output("png:8"), read_output(tmp_path / "s", 0))
-    assert found.written is not None and found.written.lods == (0.0, 0.5, 1.0, 1.5, 2.0)
 
 
 def anisotropic_set(folder: Path) -> Path:
@@ -149,22 +139,3 @@ def test_python_measures_what_the_command_line_measures(tmp_path: Path, capsys) 
         assert re.search(r"SNR at lod 0 near-mirror [\d.]+ dB, hemisphere [\d.]+ dB", capsys.readouterr().out)
     assert [cost.format for cost in check.costs] == [cost["format"] for cost in result["costs"]] == ["png:8", "glb"]
     assert check.defects == []
-
-
-def test_python_is_told_of_levels_that_do_not_fit_together(tmp_path: Path) -> None:
-    texture_set, stack = steel()
-    check = mipbake.Check(texture_set, wrong := planted(stack, 1))
-    wrong.save(tmp_path / "s", measured=check)
-    (defect,) = check.defects
-    assert "levels of exr:half do not fit together" in defect
-    made = json.loads((tmp_path / "s" / "stack.json").read_text())["outputs"]
-    assert made[0]["measured"]["dips"] == check.costs[0].written.to_dict()["dips"] != []
-
-
-def test_a_document_tells_what_its_textures_give_back(tmp_path: Path, capsys) -> None:
-    source = two_textures(png("normal a"), png("mr")).write(tmp_path / "bolt")
-    assert main(["bake", str(source), "-o", str(tmp_path / "out"), "--method", "linear", "--json"]) == 0
-    *_, result = json.loads(capsys.readouterr().out)["results"]
-    about = read_document(tmp_path / "out" / "bolt.glb").json["asset"]["extras"]["mipbake"]
-    assert result["measured"] == {"M": about["materials"]["M"]["measured"]}
-    assert result["measured"]["M"]["dips"] == [] and len(result["measured"]["M"]["lods"]) == 9

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mipbake.material.aim import Sampler
 from mipbake.material.pixel_filter import Wrap
-from mipbake.stack.promise import Measured
+from mipbake.stack.measured import Measured
 
 Progress = Callable[[float], None]
 """Takes the finished share of the work, from 0 to 1."""

@@ -304,7 +304,7 @@ def _flush_names(folder: Path) -> None:
 
 
 def _swap(partial: Path, place: Path) -> None:
-    """Gives a folder its name. An earlier folder of that name is what lies at `partial` then.
+    """Gives a folder its name. An earlier folder of that name lies at `partial` then, or is gone.
 
     Raises:
         OSError: the file system refuses it; then everything is as it was.
@@ -325,17 +325,12 @@ def _swap(partial: Path, place: Path) -> None:
             try:
                 partial.rename(place)
             except OSError as error:
-                if error.errno in _TAKEN or os.path.lexists(
-                    place
-                ):  # another process was quicker: its result is what is to be replaced
-                    remove(old)
-                    continue
-                _give_back(old, place, error)
-                raise
-            try:
-                old.rename(partial)
-            except OSError:  # the result has its name, whatever becomes of the earlier one
-                remove(old)
+                if error.errno not in _TAKEN and not os.path.lexists(place):
+                    _give_back(old, place, error)
+                    raise
+                remove(old)  # another process was quicker: its result is what is to be replaced
+                continue
+            remove(old)
             return
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from math import ceil
-from typing import TypeAlias, overload
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,13 +24,13 @@ from mipbake.stack.containers import FORMATS, Container
 from mipbake.stack.costs import LIMIT, Cost, Coverage
 from mipbake.stack.file_levels import stored_channels, written_levels
 from mipbake.stack.gltf.ranges import Ranges
-from mipbake.stack.map_files import MapFile, RoundedLevels, quantised_levels, row_blocks, stood_for
+from mipbake.stack.map_files import GivenBack, MadeLevels, MapFile, quantised_levels, row_blocks, stood_for
 from mipbake.stack.output import Output
 from mipbake.stack.stack import MipStack
 from mipbake.stack.written import measure_written, opened
 
 Progress: TypeAlias = Callable[[float], None]
-"""Is told the finished share, from 0 to 1."""
+"""Gets the finished share, from 0 to 1."""
 
 LODS: tuple[float, ...] = (0.0, 1.0, 3.0)
 """Levels of detail that the loss is measured at; the loss is the fall of their mean SNR."""
@@ -82,10 +82,7 @@ def chosen(
     that brings the most gets better texels until the sum is below `LIMIT`. Other outputs are given back as they are.
 
     Args:
-        texture_set: the set that the stack was baked from, nothing in it hidden (`mipbake.source.opacity.shown`).
-        stack: as it was baked.
-        output: that is asked for.
-        progress: moved by every file and kind of texels, then by every level of detail that is measured.
+        texture_set: that the stack was baked from, nothing in it hidden (`mipbake.source.opacity.shown`).
         ranges: what a material multiplies the values in the files by.
     """
     ladder = _ladder(output)
@@ -132,19 +129,16 @@ def cost(
     stack: MipStack,
     output: Output,
     written: Sequence[MapFile],
-    spoken: str | None = None,
+    called: str | None = None,
     progress: Progress = lambda _share: None,
     ranges: Ranges = Ranges(),  # noqa: B008
 ) -> Cost:
     """What an output cost, from its files as they were read back.
 
     Args:
-        texture_set: the set that the stack was baked from, nothing in it hidden (`mipbake.source.opacity.shown`).
-        stack: as it was baked.
-        output: that was written.
+        texture_set: that the stack was baked from, nothing in it hidden (`mipbake.source.opacity.shown`).
         written: its files, with the levels that came back.
-        spoken: what the output is called; None for its format and texels.
-        progress: moved by every file, then by every level of detail that is measured.
+        called: what the output is called; None for its format and texels.
         ranges: what a material multiplies the values in the files by.
     """
     planned = {file.layout.name: file for file in stack.files(output)}
@@ -158,7 +152,7 @@ def cost(
     stack = replace(stack, levels=stack.levels[: len(levels)])
     between = measure_written(texture_set, stack, levels, part_of(progress, 2, 4))
     return Cost(
-        format=spoken or _spoken(written),
+        format=called or _called(written),
         psnr=psnr,
         loss=losses(texture_set, opened(stack), {"written": levels}, part_of(progress, 3, 4))["written"],
         texels={file.layout.name: file.container.precision(file.layout) for file in written},
@@ -188,7 +182,7 @@ def _coverage(planned: Mapping[str, MapFile], written: Sequence[MapFile], cutoff
     return max(found, key=lambda each: each.change, default=None)
 
 
-def _spoken(files: Sequence[MapFile]) -> str:
+def _called(files: Sequence[MapFile]) -> str:
     """Format and texels of an output: the texels of most of its files that shade, or of the first where as many have
     others."""
     texels = [file.container.texels for file in files if file.layout.shades]
@@ -203,30 +197,18 @@ def _plain_names(stack: MipStack, output: Output) -> dict[str, str]:
     }
 
 
-class Decoded(Sequence[NDArray[np.float32]]):
-    """Levels of a stack with the maps of one file as its texels would give them back, each made when it is asked for:
-    a copy of the stack for every file and kind of texels would take more memory than the bake did.
-    """
+class Decoded(MadeLevels):
+    """Levels of a stack with the maps of one file as its texels would give them back."""
 
     def __init__(self, file: MapFile, container: Container, stack: MipStack, ranges: Ranges) -> None:
-        self._file, self._stack, self._ranges = file, stack, ranges
-        self._container = container
+        self._file, self._container, self._stack, self._ranges = file, container, stack, ranges
         stored = ranges.stored(replace(file, container=container, levels=file.levels[: _reached(stack)]))
-        texels = quantised_levels(stored)
-        self._texels = container.decoded(file.layout, texels)
+        self._texels = container.decoded(file.layout, quantised_levels(stored))
 
     def __len__(self) -> int:
         return len(self._texels)
 
-    @overload
-    def __getitem__(self, index: int) -> NDArray[np.float32]: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> list[NDArray[np.float32]]: ...
-
-    def __getitem__(self, index: int | slice) -> NDArray[np.float32] | list[NDArray[np.float32]]:
-        if isinstance(index, slice):
-            return [self[i] for i in range(*index.indices(len(self)))]
+    def _level(self, index: int) -> NDArray[np.float32]:
         level = stood_for(self._texels[index], self._container, self._file.layout)
         stack = replace(self._stack, levels=[self._stack.levels[index]])
         return stored_channels([self._ranges.shown(replace(self._file, levels=[level]))], stack)[0]
@@ -247,10 +229,8 @@ def losses(
     """Variant and pair set to the fall of the SNR below the SNR of what was baked, in dB.
 
     Args:
-        texture_set: that the stack was baked from.
         baked: of `opened`, or fewer levels of it, as many as `LODS` reach.
         variants: name to levels of the same stored channels.
-        progress: told the finished share.
     """
     others = [Candidate(replace(baked.method, name=name), levels) for name, levels in variants.items()]
     effort = MeasureEffort(_SEED, _POINTS, _SAMPLES, intervals=False)
@@ -281,7 +261,7 @@ def _added(loss: Mapping[str, float]) -> NDArray[np.float64]:
 def _psnr(planned: MapFile, written: MapFile) -> float:
     if len(planned.levels) < len(written.levels):
         raise InputError(f"{written.layout.name} came back with more levels than were written: bake it again")
-    if isinstance(written.levels, RoundedLevels):
+    if isinstance(written.levels, GivenBack) and written.levels.squares is not None:
         squares, count = written.levels.squares, sum(level.size for level in planned.levels[: len(written.levels)])
     else:
         squares, count = 0.0, 0

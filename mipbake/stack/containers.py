@@ -14,59 +14,35 @@ from mipbake.source.images.file_facts import FileInfo
 from mipbake.source.images.read_back import Band
 from mipbake.source.layout import FileLayout
 from mipbake.stack.gpu_files import GPU_CONTAINERS, GpuFile
-from mipbake.stack.mip_exr import MipExr
-from mipbake.stack.mip_png import MipPng
-from mipbake.stack.mip_tx import MipTx
+from mipbake.stack.mip_files import MipExr, MipPng, MipTx
 
 DEFAULT_FORMAT = "exr"
 
 
 class Container(Protocol):
-    """A way to write the levels of a file of a map, or of channels of several. Implementations are stateless."""
+    """A way to write the levels of a file of a map, or of channels of several. Implementations are stateless.
 
-    @property
-    def name(self) -> str:
-        """What users call it."""
+    Attributes:
+        name: what users call it. texels: what they call the texels. summary: one line for help texts.
+        encodings: of `mipbake.source.layout`, that it can hold.
+        exact: whether quantised texels come back as they were, or compressed.
+        ladder: texels from the smallest to the most precise, to choose from where users name none; empty: no choice.
+        complete: whether files always hold every level down to 1 x 1.
+        signature: how its files begin, by which `info` is found for them; empty: OpenImageIO reads them.
+    """
 
-    @property
-    def texels(self) -> str:
-        """What users call the texels."""
-
-    @property
-    def summary(self) -> str:
-        """One line for help texts."""
-
-    @property
-    def encodings(self) -> frozenset[str]:
-        """The encodings of `mipbake.source.layout` that it can hold."""
-
-    @property
-    def exact(self) -> bool:
-        """Whether quantised texels come back as they were, or compressed."""
+    name: str
+    texels: str
+    summary: str
+    encodings: frozenset[str]
+    exact: bool
+    ladder: tuple[str, ...]
+    complete: bool
+    signature: bytes
 
     @property
     def finer(self) -> str | None:
         """What users are advised to pass to `--format` where the files cost too much; None: nothing is more precise."""
-
-    @property
-    def ladder(self) -> tuple[str, ...]:
-        """Texels from the smallest to the most precise, to choose from where users name none; empty: no choice."""
-
-    @property
-    def complete(self) -> bool:
-        """Whether files always hold every level down to 1 x 1."""
-
-    @property
-    def signature(self) -> bytes:
-        """How its files begin, by which `info` is found for them; empty: OpenImageIO tells what they are."""
-
-    @property
-    def openimageio(self) -> bool:
-        """Whether OpenImageIO reads its files."""
-
-    @property
-    def tells(self) -> bool:
-        """Whether its files have a place for how they were made."""
 
     def precision(self, layout: FileLayout) -> str:
         """What a texel of a file is stored as, for stack.json."""
@@ -95,8 +71,7 @@ class Container(Protocol):
         about: str,
     ) -> None:
         """Writes quantised levels, each (H_L, W_L, C), finest first, and `about`, JSON that tells how they were made,
-        where there is a place for it (`tells`). OutputError when that fails; containers that compress compare what was
-        written.
+        where there is a place for it. OutputError when that fails; containers that compress compare what was written.
         """
 
     def read(self, folder: Path, layout: FileLayout, sizes: Sequence[tuple[int, int]]) -> list[NDArray[np.generic]]:

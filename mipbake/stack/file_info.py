@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -29,31 +29,18 @@ class StackInfo:
 
     Args:
         content: the description, without the files.
-        name, model: of the stack.
-        width, height: of level 0, in texels.
+        title, wrap: name, model and size; addressing along u and v.
         levels: the most that an output has; 0 where no output tells.
-        wrap: addressing along u and v.
-        method, version, weights, pixel_filter, sampler, aim: how it was baked, as its provenance has it; empty where it
-            does not say.
-        conventions: format and normal convention of every output that tells one.
+        about: lines on how it was baked, conventions of normals, and adjustments.
         files: all that are listed, in the folder itself.
         channels: file to what each of its channels holds, where that is told.
     """
 
     content: Mapping[str, Any]
-    name: str
-    model: str
-    width: int
-    height: int
+    title: str
+    wrap: str
     levels: int
-    wrap: tuple[str, str]
-    method: str
-    version: str
-    weights: str
-    pixel_filter: str
-    sampler: str
-    aim: str
-    conventions: tuple[tuple[str, str], ...]
+    about: tuple[str, ...]
     files: tuple[Path, ...]
     channels: Mapping[Path, str]
 
@@ -68,24 +55,15 @@ def stack_info(file: Path, manifest: Mapping[str, Any]) -> StackInfo:
         InputError: it does not describe a stack, or lists files elsewhere.
     """
     try:
-        made, outputs = manifest["provenance"], manifest["outputs"]
+        outputs, wrap = manifest["outputs"], manifest["wrap"]
         entries = [entry for output in outputs for entry in output.get("maps", {}).values()]
         listed = [name for part in (*outputs, *entries) for name in part.get("files", ())]
         return StackInfo(
             {key: value for key, value in manifest.items() if key != "outputs"},
-            str(manifest["name"]),
-            str(manifest["model"]),
-            int(manifest["width"]),
-            int(manifest["height"]),
+            f"{manifest['name']}, {manifest['model']}, {manifest['width']} x {manifest['height']}",
+            f"{wrap['u']}, {wrap['v']}",
             max((len(entry.get("levels", ())) for entry in entries), default=0),
-            (str(manifest["wrap"]["u"]), str(manifest["wrap"]["v"])),
-            str(made["method"]),
-            str(made["tool_version"]),
-            str(made.get("weights") or ""),
-            str(made["pixel_filter"]),
-            "" if made.get("sampler") is None else str(sampler_from(made["sampler"])),
-            "" if made.get("aim") is None else f"{made['aim']:g}",
-            tuple((str(o["format"]), str(o["normal_convention"])) for o in outputs if "normal_convention" in o),
+            tuple(_about(manifest)),
             tuple(_within(file, name) for name in dict.fromkeys(listed)),
             {_within(file, name): _holds(entry) for entry in entries for name in entry.get("files", ())},
         )
@@ -93,17 +71,33 @@ def stack_info(file: Path, manifest: Mapping[str, Any]) -> StackInfo:
         raise InputError(f"{file} does not describe a stack ({error!r}): bake it again") from error
 
 
+def _about(manifest: Mapping[str, Any]) -> Iterator[str]:
+    made = manifest["provenance"]
+    sampler = "" if made.get("sampler") is None else f", sampler {sampler_from(made['sampler'])}"
+    aim = "" if made.get("aim") is None else f", aim {made['aim']:g}"
+    weights = f" with {made['weights']}" if made.get("weights") else ""
+    yield (
+        f"baked by {made['method']} of mipbake {made['tool_version']}{weights}, pixel filter {made['pixel_filter']}"
+        f"{sampler}{aim}"
+    )
+    for output in manifest["outputs"]:
+        if "normal_convention" in output:
+            yield f"{output['format']}: normals {output['normal_convention']}"
+    for adjustment in made.get("adjustments", ()):
+        yield f"adjusted: {adjustment}"
+
+
 def _holds(entry: Mapping[str, Any]) -> str:
     """What the channels of a file hold; channels of one map are named together."""
     parts: list[tuple[str, str]] = []
     for channel in entry.get("channels", ()):
         role = str(channel["map"]) or str(channel["meaning"])
-        told = f"1 - {role}" if channel["kind"] == INVERTED else role
-        if parts and parts[-1][1] == told:
-            parts[-1] = (parts[-1][0] + str(channel["name"]), told)
+        held = f"1 - {role}" if channel["kind"] == INVERTED else role
+        if parts and parts[-1][1] == held:
+            parts[-1] = (parts[-1][0] + str(channel["name"]), held)
         else:
-            parts.append((str(channel["name"]), told))
-    return ", ".join(f"{names} {told}" for names, told in parts)
+            parts.append((str(channel["name"]), held))
+    return ", ".join(f"{names} {held}" for names, held in parts)
 
 
 def _within(file: Path, name: object) -> Path:
@@ -122,8 +116,7 @@ def file_info(path: Path) -> FileInfo:
     suffix = path.suffix.lower()
     for each in (next(iter(kinds.values())) for kinds in FORMATS.values()):
         # OpenImageIO tells the files that it reads by what is in them.
-        named = not each.openimageio and suffix == f".{each.name}"
-        if named or (each.signature and start.startswith(each.signature)):
+        if each.signature and (suffix == f".{each.name}" or start.startswith(each.signature)):
             return each.info(path)
     if start.startswith(container.MAGIC) or suffix in (".gltf", ".glb"):
         return _document(path, "GLB (glTF 2.0)" if start.startswith(container.MAGIC) else "glTF 2.0")

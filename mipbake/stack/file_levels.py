@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.source.layout import LAYOUTS
-from mipbake.stack.map_files import GivenBack, Levels, MapFile
+from mipbake.stack.map_files import GivenBack, Levels, MadeLevels, MapFile
 from mipbake.stack.packing import unpacked
 from mipbake.stack.stack import MipStack
 
@@ -28,9 +27,9 @@ def stored_channels(files: Sequence[MapFile], stack: MipStack) -> Levels:
     return levels
 
 
-class WrittenLevels(Sequence[NDArray[np.float32]]):
+class WrittenLevels(MadeLevels):
     """`stored_channels` of files that give single texels back: lookups ask for what they need, and nothing of the size
-    of a level is made. Each level is made where it is asked for itself.
+    of a level is made.
     """
 
     def __init__(self, files: Sequence[MapFile], stack: MipStack) -> None:
@@ -39,15 +38,7 @@ class WrittenLevels(Sequence[NDArray[np.float32]]):
     def __len__(self) -> int:
         return min(len(self._stack.levels), *(len(file.levels) for file in self._files))
 
-    @overload
-    def __getitem__(self, index: int) -> NDArray[np.float32]: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> list[NDArray[np.float32]]: ...
-
-    def __getitem__(self, index: int | slice) -> NDArray[np.float32] | list[NDArray[np.float32]]:
-        if isinstance(index, slice):
-            return [self[i] for i in range(*index.indices(len(self)))]
+    def _level(self, index: int) -> NDArray[np.float32]:
         files = [replace(file, levels=[file.levels[index]]) for file in self._files]
         return stored_channels(files, replace(self._stack, levels=[self._stack.levels[index]]))[0]
 

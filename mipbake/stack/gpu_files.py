@@ -36,7 +36,7 @@ _FORMATS = {
 """The format of a file with one, two, three and four channels, by the name that users give."""
 
 
-_LADDER = ("bc", "rgba8", "rgba16f")
+_LADDER: tuple[str, ...] = ("bc", "rgba8", "rgba16f")
 
 
 @dataclass(frozen=True)
@@ -50,8 +50,7 @@ class GpuContainer:
         encode: the bytes of a file that holds a texture.
         decode: the texture that the bytes of a file hold; InputError, which calls the file by the name that is given,
             where there is none.
-        signature, info, openimageio, tells: see Container.
-        ladder: texels from the smallest to the most precise, to choose from where users name none.
+        signature, info: see Container.
     """
 
     name: str
@@ -61,16 +60,6 @@ class GpuContainer:
     decode: Callable[[bytes, str], GpuTexture]
     signature: bytes
     info: Callable[[Path], FileInfo]
-    openimageio: bool
-    tells: bool
-    ladder: tuple[str, ...] = _LADDER
-
-    def more_precise(self, texels: str) -> str:
-        """What is advised where some texels cost too much: the next ones of this container, or a choice among them."""
-        better = {"bc1": "bc", **dict(zip(self.ladder, self.ladder[1:], strict=False))}
-        if texels in better:
-            return f"{self.name}:{better[texels]}"
-        return "exr:float" if texels == self.ladder[-1] else self.name
 
 
 def _ktx2_info(path: Path) -> FileInfo:
@@ -102,8 +91,6 @@ KTX2 = GpuContainer(
     ktx2.decoded,
     ktx2.IDENTIFIER,
     _ktx2_info,
-    openimageio=False,
-    tells=True,
 )
 DDS = GpuContainer(
     "dds",
@@ -113,8 +100,6 @@ DDS = GpuContainer(
     dds.decoded,
     dds.MAGIC,
     _dds_info,
-    openimageio=True,
-    tells=False,
 )
 GPU_CONTAINERS = (KTX2, DDS)
 
@@ -134,14 +119,20 @@ class GpuFile:
     def __init__(self, container: GpuContainer, texels: str) -> None:
         self._container = container
         self.name, self.texels = container.name, texels
-        self.summary, self.ladder = container.summary, container.ladder
-        self.signature, self.info, self.tells = container.signature, container.info, container.tells
-        self.finer = container.more_precise(texels)
+        self.summary, self.ladder = container.summary, _LADDER
+        self.signature, self.info = container.signature, container.info
         stored = GPU_FORMATS[_FORMATS[texels][0]]
-        self.openimageio = container.openimageio and not stored.is_float
         self.exact = stored.side == 1
         self._kind = "half" if stored.is_float else "8"
         self.encodings = ENCODINGS if stored.is_float else ENCODINGS - {LOG}
+
+    @property
+    def finer(self) -> str:
+        """See Container: the next texels of this container, or a choice among them."""
+        better = {"bc1": "bc", "bc": "rgba8", "rgba8": "rgba16f"}
+        if self.texels in better:
+            return f"{self.name}:{better[self.texels]}"
+        return "exr:float" if self.texels == "rgba16f" else self.name
 
     def gpu_format(self, layout: FileLayout) -> GpuFormat:
         """What the texels of a file are stored as."""

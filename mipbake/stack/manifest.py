@@ -116,17 +116,6 @@ def declared(path: Path, what: str, command: str, schema: str, version: int) -> 
     return found
 
 
-def read_output(path: str | Path, index: int) -> list[MapFile]:
-    """The files of one output of a saved stack, in the order in which they were asked for, as they are in the folder.
-
-    Raises:
-        InputError: as `open_stack`. IndexError: the stack has fewer outputs.
-    """
-    file = manifest_path(path)
-    output = read_manifest(file)["outputs"][index]
-    return read_back(file.parent, output)
-
-
 def read_back(folder: Path, output: Mapping[str, Any]) -> list[MapFile]:
     """The files of an output of a manifest."""
     return read_files(FORMATS[output["format"]].__getitem__, folder, output["maps"])

@@ -6,7 +6,6 @@ import json
 import os
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeAlias, overload
@@ -19,6 +18,7 @@ from mipbake.base.errors import InputError, OutputError
 from mipbake.base.json_text import parsed
 from mipbake.base.messages import listed
 from mipbake.base.publish import IsOurs, check_room, is_companion, published
+from mipbake.base.threads import on_threads
 from mipbake.source.layout import COLOUR, FLIPPED, INVERTED, SIGNED, FileChannel, FileLayout, from_file, to_file
 from mipbake.stack.containers import Container
 
@@ -36,7 +36,7 @@ CONVENTIONS = {
 @dataclass(frozen=True, eq=False)
 class MapFile:
     """A file to be written, or one that was: how, what its channels are, and its levels, (H_L, W_L, channels) each,
-    finest first. They may be views of a stack, or `StoredLevels`.
+    finest first. They may be views of a stack, or `GivenBack`.
     """
 
     container: Container
@@ -50,13 +50,8 @@ class MapFile:
         return f"MapFile({self.layout.name!r}, {kind}, {width} x {height} x {channels}, {len(self.levels)} levels)"
 
 
-class GivenBack(Sequence[NDArray[np.float32]]):
-    """What a file gives back, level by level; each level is made when it is asked for, because all of them together
-    would be as large as what was baked.
-    """
-
-    def __init__(self, container: Container, layout: FileLayout) -> None:
-        self._container, self._layout = container, layout
+class MadeLevels(Sequence[NDArray[np.float32]]):
+    """Levels that are made when they are read, because all of them together would be as large as what was baked."""
 
     @overload
     def __getitem__(self, index: int) -> NDArray[np.float32]: ...
@@ -65,62 +60,46 @@ class GivenBack(Sequence[NDArray[np.float32]]):
     def __getitem__(self, index: slice) -> list[NDArray[np.float32]]: ...
 
     def __getitem__(self, index: int | slice) -> NDArray[np.float32] | list[NDArray[np.float32]]:
+        """The levels themselves."""
         if isinstance(index, slice):
-            return [self[i] for i in range(*index.indices(len(self)))]
-        return stood_for(self._texels(range(len(self))[index]), self._container, self._layout)
+            return [self._level(i) for i in range(*index.indices(len(self)))]
+        return self._level(range(len(self))[index])
+
+    @abstractmethod
+    def _level(self, index: int) -> NDArray[np.float32]: ...
+
+
+class GivenBack(MadeLevels):
+    """What a file gives back.
+
+    Args:
+        count: of levels.
+        texels: what the file stores at a level and an index of its rows and columns.
+        squares: sum over all levels of the squared error of what it stores, where that is known.
+    """
+
+    def __init__(
+        self,
+        container: Container,
+        layout: FileLayout,
+        count: int,
+        texels: Callable[[int, Any], NDArray[np.generic]],
+        squares: float | None = None,
+    ) -> None:
+        self._container, self._layout, self._count, self._texels = container, layout, count, texels
+        self.squares = squares
+
+    def __len__(self) -> int:
+        return self._count
+
+    def _level(self, index: int) -> NDArray[np.float32]:
+        return stood_for(self._texels(index, ...), self._container, self._layout)
 
     def at(self, index: int, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> NDArray[np.float32]:
         """(..., channels) of the texels of a level that lie in (...) rows and columns."""
-        texels = self._texels_at(index, rows, columns)
+        texels = self._texels(index, (rows, columns))
         srgb = self._container.srgb(self._layout)
         return from_file(self._container.dequantise(texels), self._layout.encodings, srgb)
-
-    @abstractmethod
-    def _texels(self, index: int) -> NDArray[np.generic]: ...
-
-    @abstractmethod
-    def _texels_at(self, index: int, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> NDArray[np.generic]: ...
-
-
-class StoredLevels(GivenBack):
-    """What the texels stand for that were read from a file."""
-
-    def __init__(self, container: Container, layout: FileLayout, texels: Texels) -> None:
-        super().__init__(container, layout)
-        self._stored = texels
-
-    def __len__(self) -> int:
-        return len(self._stored)
-
-    def _texels(self, index: int) -> NDArray[np.generic]:
-        return self._stored[index]
-
-    def _texels_at(self, index: int, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> NDArray[np.generic]:
-        return self._stored[index][rows, columns]
-
-
-class RoundedLevels(GivenBack):
-    """What a file of an exact container was found to hold: its levels, rounded, which are not kept a second time.
-
-    Args:
-        file: that was written.
-        squares: sum over all levels of the squared error of what the file holds.
-    """
-
-    def __init__(self, file: MapFile, squares: float) -> None:
-        super().__init__(file.container, file.layout)
-        self._file, self.squares = file, squares
-
-    def __len__(self) -> int:
-        return len(self._file.levels)
-
-    def _texels(self, index: int) -> NDArray[np.generic]:
-        return _quantised(self._file.levels[index], self._file)
-
-    def _texels_at(self, index: int, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> NDArray[np.generic]:
-        layout, container = self._layout, self._container
-        texels = self._file.levels[index][rows, columns]
-        return container.quantise(to_file(texels, layout.encodings, container.srgb(layout)), layout)
 
 
 def save_maps(
@@ -171,20 +150,11 @@ def write_files(
             name, first = file.layout.name, file.container.files(file.layout, len(quantised))[0]
             check_room(folder / first, sum(level.nbytes for level in quantised))
             raise OutputError(f"the map {name} did not read back after writing ({error}): check the disk") from error
-        return replace(file, levels=RoundedLevels(file, sum(errors))) if file.container.exact else None
+        return replace(file, levels=_rounded(file, sum(errors))) if file.container.exact else None
 
     def write(folder: Path) -> list[MapFile | None]:
         # Libraries let go of the interpreter while they encode; more files at once than cores only hold more memory.
-        with ThreadPoolExecutor(max(1, os.cpu_count() or 1)) as pool:
-            waiting = [pool.submit(write_one, folder, file) for file in files]
-            try:
-                for count, done in enumerate(as_completed(waiting)):
-                    done.result()
-                    progress((count + 1) / (len(files) + 1))
-            except BaseException:
-                pool.shutdown(cancel_futures=True)
-                raise
-            return [each.result() for each in waiting]
+        return on_threads(lambda index: write_one(folder, files[index]), len(files), progress, os.cpu_count())
 
     return write
 
@@ -209,9 +179,24 @@ def read_files(container: Callable[[str], Container], folder: Path, entries: Map
         layout = FileLayout(name, channels, bool(entry["shades"]))
         stored = container(str(entry["texels"]))
         sizes = [(int(size["height"]), int(size["width"])) for size in entry["levels"]]
-        texels = stored.read(folder, layout, sizes)
-        files.append(MapFile(stored, layout, StoredLevels(stored, layout, texels)))
+        files.append(MapFile(stored, layout, _stored(stored, layout, stored.read(folder, layout, sizes))))
     return files
+
+
+def _stored(container: Container, layout: FileLayout, texels: Texels) -> GivenBack:
+    """What the texels stand for that were read from a file."""
+    return GivenBack(container, layout, len(texels), lambda level, at: texels[level][at])
+
+
+def _rounded(file: MapFile, squares: float) -> GivenBack:
+    """What a file of an exact container was found to hold: its levels, rounded, which are not kept a second time."""
+    return GivenBack(
+        file.container,
+        file.layout,
+        len(file.levels),
+        lambda level, at: _quantised(file.levels[level][at], file),
+        squares,
+    )
 
 
 def described(files: Sequence[MapFile]) -> dict[str, Any]:
@@ -328,9 +313,9 @@ def row_blocks(level: NDArray[Any]) -> Iterator[NDArray[Any]]:
 
 
 def _quantised(
-    level: NDArray[np.float32], file: MapFile, error: Callable[[float], None] = lambda _: None
+    level: NDArray[np.float32], file: MapFile, error: Callable[[float], None] | None = None
 ) -> NDArray[np.generic]:
-    """What a container stores of one level of a file. `error`: told sums of squared errors, of exact containers."""
+    """What a container stores of one level of a file. `error`: gets sums of squared errors, of exact containers."""
     container, layout = file.container, file.layout
     srgb = container.srgb(layout)
     out: NDArray[np.generic] | None = None
@@ -342,7 +327,7 @@ def _quantised(
             out = memory.empty((len(level), *texels.shape[1:]), texels.dtype)
         out[at : at + len(texels)] = texels
         at += len(texels)
-        if container.exact:
+        if error is not None and container.exact:
             apart = np.subtract(values, container.dequantise(texels), out=values).ravel()
             error(float(np.einsum("i,i->", apart, apart)))  # a product of BLAS would start threads
     assert out is not None

@@ -55,24 +55,6 @@ GLB_TEXELS = ("uastc", "rgba8")
 """Texels of a GLB's textures, the default first. KHR_texture_basisu allows for no others; some engines load them."""
 
 
-def outputs_from(format: str) -> tuple[Output, ...]:
-    """Outputs for formats separated by commas, such as "exr,ktx2:uastc". UsageError when one is unknown or twice."""
-    found = [Output(part) for part in split_formats(format)]
-    names = [output.container.name for output in found]
-    for name in names:
-        if names.count(name) > 1:
-            raise UsageError(f"format {name} is asked for twice: its files would have the same names")
-    return tuple(found)
-
-
-def split_formats(format: str) -> list[str]:
-    """Formats that are separated by commas; UsageError where one is empty."""
-    parts = [part.strip() for part in format.split(",")]
-    if not all(parts):
-        raise UsageError(f"the formats {format!r} have an empty place: expected names separated by commas")
-    return parts
-
-
 def check_outputs(outputs: Sequence[Output], model: str) -> None:
     """UsageError where an output cannot hold stacks of a material model, or two would write the same files."""
     for output in outputs:

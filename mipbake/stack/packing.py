@@ -171,8 +171,8 @@ def pack(
     as_source = packing == SOURCE and {m.name for m, _ in maps if m.shades} <= known | {"anisotropy"}
     rules = list(source if as_source else PACKINGS[packing])
     used: set[str] = set()
-    asked = normals.convention
-    if asked == SOURCE:
+    wanted = normals.convention
+    if wanted == SOURCE:
         # Tensors of roughness know one orientation alone, and their normals keep to it.
         tensors = any(LOG in layout.encodings for layout, _ in maps)
         normals = replace(normals, convention="opengl" if tensors else _convention(source))
@@ -182,8 +182,8 @@ def pack(
         if pieces:
             maps_here = {piece.map for piece in pieces}
             used |= maps_here
-            told = asked != SOURCE and "normal" in maps_here
-            files.append(PackedFile(with_convention(rule.name, asked) if told else rule.name, pieces))
+            changed = wanted != SOURCE and "normal" in maps_here
+            files.append(PackedFile(with_convention(rule.name, wanted) if changed else rule.name, pieces))
     for layout, _ in maps:
         if layout.name not in used and not layout.name.startswith(CARRIED):
             files.append(PackedFile(layout.name, tuple(Piece(layout.name, i) for i in range(len(layout.encodings)))))
@@ -213,7 +213,8 @@ def _present(rule: PackedFile, maps: Mapping[str, object]) -> tuple[Piece, ...]:
 def _file(
     file: PackedFile, maps: Mapping[str, tuple[MapLayout, Levels]], normals: Normals, wrap: Wrap
 ) -> tuple[FileLayout, Levels]:
-    pieces = [_as_asked(piece, normals) for piece in file.pieces]
+    down = normals.convention == "directx"
+    pieces = [replace(p, inverted=down) if (p.map, p.index) == ("normal", 1) else p for p in file.pieces]
     if normals.channels == 2 and all(piece.map == "normal" for piece in pieces):
         pieces = pieces[:2]
         layout, levels = maps["normal"]
@@ -237,12 +238,6 @@ def _file(
         parts = [chains[p.map][index][..., p.index] if p.map else constant * np.float32(p.default or 0) for p in pieces]
         stacked.append(np.stack(parts, -1))
     return packed, stacked
-
-
-def _as_asked(piece: Piece, normals: Normals) -> Piece:
-    if piece.map == "normal" and piece.index == 1:
-        return replace(piece, inverted=normals.convention == "directx")
-    return piece
 
 
 def _channel(piece: Piece, maps: Mapping[str, tuple[MapLayout, Levels]]) -> FileChannel:

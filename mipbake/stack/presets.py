@@ -9,8 +9,8 @@ from dataclasses import dataclass, field, replace
 from mipbake.base.errors import UsageError
 from mipbake.material.aim import ANISOTROPIC, DEFAULT_SAMPLER, Sampler
 from mipbake.source.options import NORMAL_CONVENTIONS
-from mipbake.stack.containers import DEFAULT_FORMAT, FORMATS
-from mipbake.stack.output import GLB, GLB_TEXELS, Output, outputs_from, split_formats
+from mipbake.stack.containers import DEFAULT_FORMAT, FORMATS, format_named
+from mipbake.stack.output import GLB, GLB_TEXELS, Output
 from mipbake.stack.packing import PACKINGS, SEPARATE, SOURCE, Normals
 
 OPENGL = Normals("opengl")
@@ -205,24 +205,29 @@ def wanted_outputs(
             f"--write-normals is {write_normals!r}: expected one of {SOURCE}, {', '.join(NORMAL_CONVENTIONS)}"
         )
     outputs = preset.outputs if preset else ()
-    formats = split_formats(DEFAULT_FORMAT if format is None else format)
-    glb = [name for name in formats if name.partition(":")[0] == GLB]
-    if len(glb) > 1:
-        raise UsageError(f"format {GLB} is asked for twice: its files would have the same names")
-    texels = [name.partition(":")[2] for name in glb if ":" in name]
-    if not set(texels) <= set(GLB_TEXELS):
-        raise UsageError(f"unknown texels of format {GLB}: {texels[0]!r}: expected one of {', '.join(GLB_TEXELS)}")
-    for name in formats:
-        if name.partition(":")[0] not in (*FORMATS, GLB):
+    names = [name.strip() for name in (DEFAULT_FORMAT if format is None else format).split(",")]
+    if not all(names):
+        raise UsageError(f"the formats {format!r} have an empty place: expected names separated by commas")
+    kinds = [name.partition(":")[0] for name in names]
+    for name, kind in zip(names, kinds, strict=True):
+        if kind not in (*FORMATS, GLB):
             raise UsageError(f"unknown format {name!r}: expected one of {', '.join((*FORMATS, GLB))}")
-    if format is not None and formats == glb and (packing or write_normals):
+        if kinds.count(kind) > 1:
+            raise UsageError(f"format {kind} is asked for twice: its files would have the same names")
+    others = [name for name, kind in zip(names, kinds, strict=True) if kind != GLB]
+    for name in others:
+        format_named(name)
+    glb = GLB in kinds
+    _, named, texels = names[kinds.index(GLB)].partition(":") if glb else ("", "", "")
+    if named and texels not in GLB_TEXELS:
+        raise UsageError(f"unknown texels of format {GLB}: {texels!r}: expected one of {', '.join(GLB_TEXELS)}")
+    if not others and (packing or write_normals):
         raise UsageError(f"format {GLB} has a packing and normals of its own: leave --packing and --write-normals out")
     if format is not None or not outputs:
         model = outputs[0] if outputs else Output()
-        others = ",".join(each for each in formats if each not in glb)
-        outputs = tuple(replace(model, format=each.format, finer=()) for each in outputs_from(others)) if others else ()
+        outputs = tuple(replace(model, format=name, finer=()) for name in others)
     if packing is not None:
         outputs = tuple(replace(each, packing=packing) for each in outputs)
     if write_normals is not None:
         outputs = tuple(replace(each, normals=replace(each.normals, convention=write_normals)) for each in outputs)
-    return outputs, bool(glb), tuple(each for each in texels if each != GLB_TEXELS[0])
+    return outputs, glb, (texels,) if texels in GLB_TEXELS[1:] else ()

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from math import ceil
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake.base.threads import on_threads
 from mipbake.source.layout import LAYOUTS, channels_of
 from mipbake.source.options import SHADING_ROLES
 from mipbake.source.texture_set import TextureSet
@@ -44,8 +44,7 @@ def chosen_ranges(
 
     Args:
         texture_set: that the stack was baked from, nothing in it hidden (`mipbake.source.opacity.shown`).
-        stack: as it was baked, of `gltf` or `gltf-anisotropic`.
-        progress: moved by every scale, then by every level of detail that is measured.
+        stack: of `gltf` or `gltf-anisotropic`.
         texels: that the normals are to be stored in.
         side: texels of the middle's sides; a multiple of 8.
     """
@@ -59,12 +58,13 @@ def chosen_ranges(
     layout = next(each.alone for each in LAYOUTS[stack.model] if each.name == "normal")
     place, container = channels_of(stack.model, "normal"), GpuFile(KTX2, texels)
     normals = MapFile(container, layout, [level[..., place] for level in levels])
-    variants = {}
-    with ThreadPoolExecutor(max(1, os.cpu_count() or 1)) as pool:
-        encoded = pool.map(lambda scale: Decoded(normals, container, stack, Ranges(scale)), scales)
-        for index, made in enumerate(encoded):
-            variants[str(index)] = made
-            progress((index + 1) / len(scales) / 2)
+    encoded = on_threads(
+        lambda index: Decoded(normals, container, stack, Ranges(scales[index])),
+        len(scales),
+        part_of(progress, 0, 2),
+        os.cpu_count(),
+    )
+    variants = {str(index): made for index, made in enumerate(encoded)}
     found = losses(part, opened(stack), variants, part_of(progress, 1, 2))
     best = min(found, key=lambda name: max(found[name].values()))
     return Ranges(scales[int(best)], rough)

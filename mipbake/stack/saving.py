@@ -31,10 +31,10 @@ from mipbake.stack.manifest import (
     read_manifest,
 )
 from mipbake.stack.map_files import MapFile, listed_files, save_maps, write_files
+from mipbake.stack.measured import measured_from
 from mipbake.stack.output import GLB, Output, check_outputs, planned
 from mipbake.stack.packing import unpacked
 from mipbake.stack.presets import preset_named, wanted_outputs
-from mipbake.stack.promise import measured_from
 from mipbake.stack.sidecars import FORMAT, check_sidecar, sidecar_named
 from mipbake.stack.stack import MipStack, Provenance
 

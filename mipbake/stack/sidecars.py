@@ -53,7 +53,7 @@ def neural_compression(files: Sequence[MapFile], tile: int = 0) -> Sidecar:
             be more than 16 channels is left out.
         tile: UDIM number of the stack, which is then part of the name; 0 for none.
     """
-    told = f"{_NAME}.{tile}.json" if tile else f"{_NAME}.json"
+    name = f"{_NAME}.{tile}.json" if tile else f"{_NAME}.json"
     entries: list[dict[str, Any]] = []
     left_out: list[str] = []
     channels = 0
@@ -61,15 +61,15 @@ def neural_compression(files: Sequence[MapFile], tile: int = 0) -> Sidecar:
         layout = file.layout
         if channels + len(layout.channels) > _MOST_CHANNELS:
             left_out.append(
-                f"the file {layout.name} is not in {told}: a texture set of NVIDIA's compression has at most "
+                f"the file {layout.name} is not in {name}: a texture set of NVIDIA's compression has at most "
                 f"{_MOST_CHANNELS} channels"
             )
             continue
         channels += len(layout.channels)
         about = {"name": layout.name, "isSRGB": file.container.srgb(layout), "semantics": _semantics(layout)}
-        for level, name in enumerate(file.container.files(layout, len(file.levels))):
-            entries.append({"fileName": name, **about, "mipLevel": level})
-    return Sidecar(told, json.dumps({"textures": entries}, indent=2) + "\n", tuple(left_out))
+        for level, path in enumerate(file.container.files(layout, len(file.levels))):
+            entries.append({"fileName": path, **about, "mipLevel": level})
+    return Sidecar(name, json.dumps({"textures": entries}, indent=2) + "\n", tuple(left_out))
 
 
 _NAME = "ntc"

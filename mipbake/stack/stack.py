@@ -22,8 +22,8 @@ from mipbake.stack.packing import PackedFile
 if TYPE_CHECKING:
     from mipbake.stack.checking import Check
     from mipbake.stack.gltf.glb import Encoded
+    from mipbake.stack.measured import Measured
     from mipbake.stack.output import Output
-    from mipbake.stack.promise import Measured
 
 Fingerprint: TypeAlias = Mapping[str, str]
 """Hashes of what a result is made from: its "sources" and how they are read, the "options" and the "weights". What

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -85,12 +85,7 @@ class Written:
             "lods": list(self.lods),
             "snr": {name: [_plain(value) for value in row] for name, row in self.snr.items()},
             "dips": [
-                {
-                    "pair_set": dip.pair_set,
-                    "lod": dip.lod,
-                    "snr": _plain(dip.snr),
-                    "at_levels": [_plain(value) for value in dip.at_levels],
-                }
+                {**asdict(dip), "snr": _plain(dip.snr), "at_levels": [_plain(value) for value in dip.at_levels]}
                 for dip in self.dips
             ],
         }
@@ -115,10 +110,8 @@ def measure_written(
     where both the SNR of all pairs and the mean SNR of groups of them have it.
 
     Args:
-        texture_set: the set that the stack was baked from, nothing in it hidden (`mipbake.source.opacity.shown`).
-        stack: the stack that was written.
+        texture_set: that the stack was baked from, nothing in it hidden (`mipbake.source.opacity.shown`).
         levels: (H_L, W_L, C) stored channels that the files hold, finest first.
-        progress: moved by every level of detail.
     """
     found = Candidate(replace(opened(stack).method, name="written"), levels)
     lods = [index / 2 for index in range(2 * len(levels) - 1)]

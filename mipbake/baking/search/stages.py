@@ -28,7 +28,7 @@ from mipbake.quality.judging.scores import DECIBEL, Score
 from mipbake.quality.judging.terms import TERMS, Array, Term, Weights, standard_error
 from mipbake.quality.metrics.pairs import PAIR_SETS
 from mipbake.quality.reference.problem import Image, Problem
-from mipbake.stack.promise import Measured, MeasuredBetween, MeasuredLevel
+from mipbake.stack.measured import Measured, MeasuredBetween, MeasuredLevel
 
 # Most of the time that ingredients take; in a large set, an ingredient that takes longer is left out.
 _BAKING = 0.75

@@ -46,8 +46,6 @@ class PlainTexels:
     exact = True
     ladder: tuple[str, ...] = ()
     signature = b""
-    openimageio = True
-    tells = True
 
     def __init__(self, texels: str) -> None:
         self.texels = texels

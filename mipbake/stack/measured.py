@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 _SAME = 0.96
@@ -109,77 +109,39 @@ class Measured:
         return replace(self, levels=self.levels[:count], between=self.between[: max(0, count - 1)])
 
 
-def measured_from(content: object) -> Measured | None:
-    """What JSON holds, where files call it "promise"; None for null. ValueError, with what was expected, else."""
+def measured_from(content: Any) -> Measured | None:
+    """What JSON holds, where files call it "promise"; None for null. Errors of Python where it holds another thing."""
     if content is None:
         return None
-    if isinstance(content, dict):
-        content = {"between": [], "visible": None, **content}
-    whole = _checked("the promise", content, Measured)
-    if not isinstance(whole["levels"], list) or not whole["levels"]:
-        raise ValueError(f"levels of the promise is {_kind(whole['levels'])}: expected a list of levels")
-    if not isinstance(whole["between"], list):
-        raise ValueError(f"between of the promise is {_kind(whole['between'])}: expected a list of lookups")
-    levels = [_figures(f"level {i} of the promise", each, MeasuredLevel) for i, each in enumerate(whole["levels"])]
-    between = [_figures(f"lookup {i} of the promise", each, MeasuredBetween) for i, each in enumerate(whole["between"])]
+    levels = [
+        MeasuredLevel(**_figures(each), level=each["level"], sources=_names(each["sources"]), refined=each["refined"])
+        for each in content["levels"]
+    ]
+    if not levels:
+        raise ValueError("no level was measured")
     return Measured(
-        tuple(MeasuredLevel(**{**each, "sources": tuple(each["sources"])}) for each in levels),
-        whole["pairs"],
-        whole["points"],
-        tuple(whole["left_out"]),
-        tuple(MeasuredBetween(**each) for each in between),
-        whole["visible"],
+        tuple(levels),
+        int(content["pairs"]),
+        int(content["points"]),
+        _names(content["left_out"]),
+        tuple(MeasuredBetween(**_figures(each), lod=float(each["lod"])) for each in content.get("between", ())),
+        None if content.get("visible") is None else float(content["visible"]),
     )
 
 
-def _figures(what: str, content: object, kind: type) -> dict[str, Any]:
+def _figures(content: Mapping[str, Any]) -> dict[str, Any]:
     """The fields of what was measured at one level of detail."""
-    found = _checked(what, content, kind)
-    if len({frozenset(found[name]) for name in _BY_SET}) > 1:
-        raise ValueError(f"{what} has figures of different pair sets: expected the same in all")
+    names = ("snr", "standard_error", "best_closed_form_snr", "gain_error")
+    found: dict[str, dict[str, Any]] = {
+        name: {str(pair_set): float(value) for pair_set, value in content[name].items()} for name in names
+    }
+    found["best_closed_form"] = {str(pair_set): str(name) for pair_set, name in content["best_closed_form"].items()}
+    if len({frozenset(each) for each in found.values()}) > 1:
+        raise ValueError("figures of one level have different pair sets")
     return found
 
 
-_FIGURES = ("snr", "standard_error", "best_closed_form_snr", "gain_error")
-_BY_SET = (*_FIGURES, "best_closed_form")
-
-
-def _checked(what: str, content: object, kind: type) -> dict[str, Any]:
-    """The fields of what was measured or a part of it. ValueError where one is missing, unknown or of another type."""
-    if not isinstance(content, dict):
-        raise ValueError(f"{what} is {_kind(content)}: expected an object")
-    names = {field.name for field in fields(kind)}
-    if set(content) != names:
-        raise ValueError(f"{what} has {', '.join(sorted(map(str, content)))}: expected {', '.join(sorted(names))}")
-    for name, value in content.items():
-        expected = _expected_in(name, value)
-        if expected:
-            raise ValueError(f"{name} of {what} is {value!r}: expected {expected}")
-    return content
-
-
-def _expected_in(name: str, value: object) -> str | None:
-    """What a field should hold; None where it does."""
-    if name in ("level", "pairs", "points"):
-        return None if _number(value) and isinstance(value, int) and value >= 0 else "a whole number from 0 up"
-    if name == "visible":
-        return None if value is None or _number(value) else "a number or null"
-    if name in ("refined", "lod"):
-        return None if _number(value) else "a number"
-    if name in ("sources", "left_out"):
-        fine = isinstance(value, list) and all(isinstance(each, str) for each in value)
-        return None if fine else "a list of names"
-    if name in _BY_SET:
-        fine = isinstance(value, dict) and all(isinstance(key, str) for key in value)
-        kind = str if name == "best_closed_form" else (int, float)
-        fine = fine and all(isinstance(each, kind) and not isinstance(each, bool) for each in value.values())  # type: ignore[attr-defined]
-        return None if fine else f"an object of pair sets with {'names' if kind is str else 'numbers'}"
-    return None
-
-
-def _number(value: object) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool)
-
-
-def _kind(value: object) -> str:
-    return f"a {type(value).__name__}"
+def _names(content: Any) -> tuple[str, ...]:
+    if not isinstance(content, list):
+        raise ValueError(f"{content!r} is no list of names")
+    return tuple(map(str, content))
