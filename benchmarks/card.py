@@ -23,7 +23,7 @@ from training_step import PAPER
 
 from mipbake import _native
 from mipbake.models.registry import find_weights, load_baker
-from mipbake.shading import ops
+from mipbake.shading import shade
 from mipbake.training import loop
 from mipbake.training.batches import batches
 from mipbake.training.config import DataConfig, read_config
@@ -48,10 +48,8 @@ def shading(device: torch.device) -> dict[str, Callable[[], object]]:
     stored, light, view, weights = (torch.from_numpy(a).float().to(device) for a in (material, light, view, weights))
     wanted = stored.clone().requires_grad_()
     return {
-        "shading, forward": lambda: ops.shade("ggx", stored, light, view),
-        "shading, forward + gradient": lambda: torch.autograd.grad(
-            ops.shade("ggx", wanted, light, view), wanted, weights
-        ),
+        "shading, forward": lambda: shade("ggx", stored, light, view),
+        "shading, forward + gradient": lambda: torch.autograd.grad(shade("ggx", wanted, light, view), wanted, weights),
     }
 
 

@@ -1,4 +1,4 @@
-"""Shading with its gradient: mipbake.shading.ops against the plain torch twin, in one run; prints Markdown.
+"""Shading with its gradient: mipbake.shading against the plain torch twin, in one run; prints Markdown.
 
     python benchmarks/shading.py [--threads 1] [--rounds 7]
 
@@ -31,7 +31,7 @@ def run(threads: int, rounds: int, with_torch: bool, repeats: int) -> dict[str, 
     import torch
 
     from mipbake import _native
-    from mipbake.shading import ops, reference
+    from mipbake.shading import reference, shade
 
     torch.set_num_threads(threads)
     _native.set_num_threads(threads)
@@ -65,7 +65,7 @@ def run(threads: int, rounds: int, with_torch: bool, repeats: int) -> dict[str, 
 
         return call
 
-    kernel = {"kernel, forward": forward(ops.shade, repeats), "kernel, forward + gradient": both(ops.shade, repeats)}
+    kernel = {"kernel, forward": forward(shade, repeats), "kernel, forward + gradient": both(shade, repeats)}
     twins = {}
     if with_torch:
         compiled = torch.compile(reference.shade)

@@ -1,4 +1,4 @@
-"""What an architecture is: the numbers that fix a network, and what can be asked of them without torch.
+"""What an architecture is: the numbers that fix a network, and what is known of them without torch.
 
 An architecture has two files: one like latent_config.py, which loads no torch, so that weights are listed quickly, and
 one like latent_network.py. `ARCHITECTURES` in architectures.py lists the first.
@@ -57,8 +57,8 @@ class Baker(ABC):
         target; any size, without gradients.
 
         Args:
-            progress: told the finished share, from 0 to 1.
-            sampler: that will look the levels up, for networks that are told of it.
+            progress: called with the finished share, from 0 to 1.
+            sampler: that will look the levels up, for networks that take it.
 
         Raises:
             UsageError: these weights do not make the target, do not take the source, or not for that pixel filter.

@@ -48,8 +48,8 @@ class Network(nn.Module, Baker):
         Args:
             stored: (B, S, S, C) stored channels of images that repeat, S a power of two.
             source: the model of the images, one of the encoders'.
-            pixel_filter: that the levels are for. sampler: that will look them up, for networks that are told
-                of it.
+            pixel_filter: that the levels are for. sampler: that will look them up, for networks that take
+                it.
 
         Returns:
             (B, S_L, S_L, C) valid stored channels each, down to 1 x 1.

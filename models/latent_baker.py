@@ -56,7 +56,7 @@ class LatentBaker(Baker):
         progress: Callable[[float], None] = lambda _: None,
         sampler: Sampler = DEFAULT_SAMPLER,  # noqa: ARG002
     ) -> list[NDArray[np.float32]]:
-        """See Baker. Latent networks are not told of the sampler."""
+        """See Baker. Latent networks do not take the sampler."""
         checked_filter(self.config, self.pixel_filters, source, pixel_filter)
         read, made = self.config.read_as(source), self.config.made_from(target)
         levels = self.levels(material.convert(stored, source, read), read, made, wrap, progress)
@@ -78,7 +78,7 @@ class LatentBaker(Baker):
             stored: (H, W, R) float32 stored channels of the model that is read, any size.
             read, made: models of the encoder and of the decoder.
             wrap: wrap mode along u and along v.
-            progress: told the finished share, from 0 to 1.
+            progress: called with the finished share, from 0 to 1.
 
         Returns:
             (H_L, W_L, C) float32 stored channels of the model that is made, of every level.

@@ -60,7 +60,7 @@ def bake_levels(
         stored: (H, W, C) float32 stored channels of the source, any size.
         wrap: wrap mode along u and along v.
         tile: side of a tile in texels; the result does not depend on it beyond rounding. None: what suits the device.
-        progress: told the finished share, from 0 to 1.
+        progress: called with the finished share, from 0 to 1.
         source, target: the encoder and the decoder, where the network has several.
 
     Returns:

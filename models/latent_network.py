@@ -13,6 +13,7 @@ nearest to their conversion stands in.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import lru_cache
 from typing import cast
 
 import numpy as np
@@ -27,8 +28,8 @@ from mipbake.material.aim import DEFAULT_SAMPLER, Sampler
 from mipbake.material.pixel_filter import Wrap, level_sizes
 from mipbake.models.base import Network, Patches, Stacks
 from mipbake.models.dense import SLOPE, dense
-from mipbake.models.latent import downsample
 from mipbake.models.latent_config import PARAMETERS, LatentConfig
+from mipbake.models.latent_filter import latent_weights
 from mipbake.models.parameters import agreeing, to_parameters, to_stored
 from mipbake.models.tiles import extend
 
@@ -128,6 +129,25 @@ def _parameters(layers: nn.ModuleList) -> tuple[list[Tensor], list[Tensor]]:
     """Weights and biases of each layer."""
     known = [cast("nn.Linear | nn.Conv2d", layer) for layer in layers]
     return [layer.weight for layer in known], [cast(Tensor, layer.bias) for layer in known]
+
+
+@lru_cache(maxsize=64)
+def _matrix(n_in: int, n_out: int, latent_filter: str, wrap: str, first: bool, device: torch.device) -> Tensor:
+    index, weights = latent_weights(n_in, n_out, latent_filter, wrap, first)
+    matrix = np.zeros((n_out, n_in), np.float32)
+    np.add.at(matrix, (np.arange(n_out)[:, None], index), weights)
+    with torch.inference_mode(False):  # whoever asks first, training may ask later
+        return torch.from_numpy(matrix).to(device)
+
+
+def downsample(latent: Tensor, size: tuple[int, int], latent_filter: str, wrap: Wrap, first: bool) -> Tensor:
+    """(B, H, W, Z) latents of a level to (B, size[0], size[1], Z) of the next; linear, differentiable."""
+    batch, height, width, channels = latent.shape
+    down_rows = _matrix(height, size[0], latent_filter, wrap[1], first, latent.device).to(latent)
+    down_columns = _matrix(width, size[1], latent_filter, wrap[0], first, latent.device).to(latent)
+    rows = torch.matmul(down_rows, latent.reshape(batch, height, width * channels))
+    columns = torch.matmul(down_columns, rows.reshape(batch * size[0], width, channels))
+    return columns.reshape(batch, *size, channels)
 
 
 class LatentNetwork(Network):
@@ -249,7 +269,7 @@ class LatentNetwork(Network):
         pixel_filter: str,  # noqa: ARG002
         sampler: Sampler = DEFAULT_SAMPLER,  # noqa: ARG002
     ) -> Stacks:
-        """See Network. The pixel filter is the one that the network is trained for; it is not told of the sampler."""
+        """See Network. The pixel filter is the one that the network is trained for; it does not take the sampler."""
         return self.stacks(stored, _PERIODIC, source)
 
     def stacks(self, stored: Tensor, wrap: Wrap, source: str) -> dict[str, list[Tensor]]:

@@ -13,7 +13,7 @@ its longer side, is narrower still across. So every level is a little sharper th
 Closed forms gain by it on real sets, most at the fine levels (figures in docs/research.md); on white noise they lose.
 
 A trilinear lookup takes the level of a footprint's longer side. Seen at a slant, a pixel covers only a strip of what
-the texels of that level cover, and films of floors look too blurred. So networks that are told of the sampler filter
+the texels of that level cover, and films of floors look too blurred. So networks that take the sampler filter
 the levels above 0 a little less widely for it (`width_of`). A MIP bias takes another level for the same pixel, whose
 texels are narrower or wider than the pixel by the bias; half of that goes into the filter. Frames show points all over
 the pixel, whatever the bias, so the filter of a level has no part in that: it stays narrow.
@@ -44,7 +44,7 @@ FROM_TOP = 3
 
 
 def width_of(level: int, sampler: Sampler) -> float:
-    """Width of the pixel filter of a level, in units of its own, for a network that is told of the sampler.
+    """Width of the pixel filter of a level, in units of its own, for a network that takes the sampler.
 
     Between one lookup and the most it is interpolated by the logarithm of their number. With bias and with frames it is
     a choice from a few widths by what `mipbake-2` shows on four generated sets, which no record holds.
@@ -68,7 +68,7 @@ class Lookup:
     """What levels are made for.
 
     Args:
-        kernel: name of the pixel filter. sampler: that will look the levels up; None where the network is not told.
+        kernel: name of the pixel filter. sampler: that will look the levels up; None where the network takes none.
     """
 
     kernel: str

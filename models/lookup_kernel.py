@@ -6,7 +6,6 @@ from functools import lru_cache
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from mipbake.material.aim import Sampler
@@ -31,41 +30,26 @@ def sharpened(image: Tensor, level: int, wrap: tuple[str, str]) -> Tensor:
     return image
 
 
-def axis_matrix(n_in: int, n_out: int, pixel_filter: str, wrap: str, width: float = 1.0) -> NDArray[np.float64]:
-    """(n_out, n_in): the pixel filter along one axis, from texels of level 0, `width` times as wide."""
-    index, weights = resample_weights(n_in, n_out, pixel_filter, wrap, width)
-    matrix = np.zeros((n_out, n_in))
-    np.add.at(matrix, (np.arange(n_out)[:, None], index), weights)
-    return matrix
-
-
 @lru_cache(maxsize=256)
 def periodic_matrices(
-    size: int, pixel_filter: str, sharp: bool = True, sampler: Sampler | None = None
+    size: int, pixel_filter: str, sharp: bool, sampler: Sampler | None, device: torch.device
 ) -> tuple[Tensor, ...]:
     """(size_L, size) of every level of a square image that repeats: pixel filter and, if `sharp`, sharpening in one.
 
-    `sampler`: that will look the levels up; None where the network is not told of it.
+    `sampler`: that will look the levels up; None where the network does not take it.
     """
     out = []
     for level, (side, _) in enumerate(level_sizes(size, size)):
         width = 1.0 if sampler is None else width_of(level, sampler)
-        matrix = axis_matrix(size, side, pixel_filter, "wrap", width)
+        index, weights = resample_weights(size, side, pixel_filter, "wrap", width)
+        matrix = np.zeros((side, size))
+        np.add.at(matrix, (np.arange(side)[:, None], index), weights)
         if sharp and side > 1:
             a = sharpening(level)
             matrix = (1 + 2 * a) * matrix - a * (np.roll(matrix, 1, 0) + np.roll(matrix, -1, 0))
         with torch.inference_mode(False):  # whoever asks first, training may ask later
-            out.append(torch.from_numpy(matrix.astype(np.float32)))
+            out.append(torch.from_numpy(matrix.astype(np.float32)).to(device))
     return tuple(out)
-
-
-@lru_cache(maxsize=256)
-def _there(
-    size: int, pixel_filter: str, sharp: bool, sampler: Sampler | None, device: torch.device
-) -> tuple[Tensor, ...]:
-    """`periodic_matrices` on a device."""
-    with torch.inference_mode(False):
-        return tuple(each.to(device) for each in periodic_matrices(size, pixel_filter, sharp, sampler))
 
 
 def periodic_levels(
@@ -73,7 +57,7 @@ def periodic_levels(
 ) -> list[Tensor]:
     """(B, S, S, C) images that repeat to (B, S_L^2, C) of every level; linear, differentiable."""
     batch, size, _, channels = image.shape
-    matrices = [each.to(image) for each in _there(size, pixel_filter, sharp, sampler, image.device)]
+    matrices = [each.to(image) for each in periodic_matrices(size, pixel_filter, sharp, sampler, image.device)]
     rows = torch.matmul(torch.cat(matrices), image.reshape(batch, size, size * channels))
     rows = rows.reshape(batch, -1, size, channels)
     parts = torch.split(rows, [len(matrix) for matrix in matrices], 1)

@@ -23,7 +23,7 @@ from mipbake.models.level_filter import FROM_TOP, Lookup, checked_filter, sharpe
 from mipbake.models.moment_config import MomentConfig
 from mipbake.models.native import Axis, Layer, Sink, Tensors, Top
 
-_MOST_LEVEL = 8  # that the decoder tells apart. Not tuned: MomentNetwork.decode has the same
+_MOST_LEVEL = 8  # that the decoder distinguishes. Not tuned: MomentNetwork.decode has the same
 _NAMED = 3  # numbers of the code that come before the pixel filter's. Not tuned: there are so many
 
 
@@ -59,7 +59,7 @@ class MomentBaker(Baker):
     ) -> list[NDArray[np.float32]]:
         """See Baker."""
         lookup = Lookup(
-            checked_filter(self.config, self.pixel_filters, source, pixel_filter), self.config.told(sampler)
+            checked_filter(self.config, self.pixel_filters, source, pixel_filter), self.config.taken(sampler)
         )
         made, (read,) = self.config.made_from(target), self.config.encoders
         levels = self.levels(material.convert(stored, source, read), lookup, wrap, progress)
@@ -80,7 +80,7 @@ class MomentBaker(Baker):
         Args:
             stored: (H, W, R) float32 stored channels of the model that is read, any size.
             lookup: what the levels are for. wrap: wrap mode along u and along v.
-            progress: told the finished share, from 0 to 1.
+            progress: called with the finished share, from 0 to 1.
 
         Returns:
             (H_L, W_L, C) float32 stored channels of the model that the network makes, of every level.
@@ -138,7 +138,7 @@ class MomentBaker(Baker):
         encoder = [self._layer(f"encoder.{i}") for i in range(config.convolutions + config.pointwise)]
         decoder = [(np.ascontiguousarray(np.delete(weight, self._code, 1)), bias) for weight, bias in self._decoder]
         if config.samplers and self.tensors["told"].shape[0] != len(config.samplers):
-            raise ValueError("as many features of samplers as the architecture is told were expected")
+            raise ValueError("as many features of samplers as the architecture takes were expected")
         return native.network("moments", self._read, made, None, encoder, self._layer("project"), decoder)
 
     def _layer(self, name: str) -> Layer:
@@ -156,8 +156,8 @@ class MomentBaker(Baker):
         sums = [bias + weight[:, self._code] @ code for weight, bias in self._decoder]
         out = np.concatenate(sums)
         if lookup.sampler is not None:
-            told = np.array(self.config.features(lookup.sampler), np.float32) @ self.tensors["told"]
-            out[: len(told)] += told
+            added = np.array(self.config.features(lookup.sampler), np.float32) @ self.tensors["told"]
+            out[: len(added)] += added
         return np.ascontiguousarray(out, np.float32)
 
 

@@ -31,7 +31,7 @@ def _known(model: MaterialModel) -> bool:
 
 
 FEATURES = ("trilinear", "anisotropic", "bias", "accumulated")
-"""What a network may be told of a sampler: how near it is to one lookup, and to the most, which sum to 1; its MIP bias;
+"""What a network may take of a sampler: how near it is to one lookup, and to the most, which sum to 1; its MIP bias;
 and 1 where it averages frames, else 0."""
 
 
@@ -57,7 +57,7 @@ class MomentConfig(Architecture):
         pointwise: dense 1 x 1 layers of the encoder.
         growth: new maps a layer of the encoder.
         decoder_layers: dense 1 x 1 layers. decoder_growth: new maps of each.
-        samplers: what the network is told of the sampler, the first of FEATURES; none: one stack serves all.
+        samplers: what the network takes of the sampler, the first of FEATURES; none: one stack serves all.
 
     The network of `mipbake-1` has the defaults, which are guesses.
     """
@@ -83,12 +83,12 @@ class MomentConfig(Architecture):
             )
         check_counts(self)
 
-    def told(self, sampler: Sampler) -> Sampler | None:
-        """The sampler, where the network is told of it; else None."""
+    def taken(self, sampler: Sampler) -> Sampler | None:
+        """The sampler, where the network takes it; else None."""
         return sampler if self.samplers else None
 
     def features(self, sampler: Sampler) -> tuple[float, ...]:
-        """What the network is told of a sampler."""
+        """What the network takes of a sampler."""
         return features(sampler)[: len(self.samplers)]
 
     @property

@@ -23,7 +23,7 @@ from mipbake.models.level_filter import FROM_TOP, Lookup, checked_filter, sharpe
 from mipbake.models.lookup_kernel import sharpened
 from mipbake.models.moment_network import MomentNetwork, with_detail
 from mipbake.models.tiles import Piece, add, border_indices, pieces, tile_for
-from mipbake.models.workers import baking_on, in_order
+from mipbake.models.workers import baking_on
 
 
 def bake(
@@ -76,7 +76,7 @@ def bake_levels(
         stored: (H, W, R) stored channels of the model that is read, any size.
         lookup: what the levels are for. wrap: wrap mode along u and along v.
         tile: side of a tile in texels; the result does not depend on it beyond rounding. None: what suits the device.
-        progress: told the finished share, from 0 to 1.
+        progress: called with the finished share, from 0 to 1.
 
     Returns:
         (H_L, W_L, C) float32 stored channels of the model that the network makes, of every level.
@@ -146,7 +146,8 @@ def _from_top(plan: _Plan, progress: Callable[[float], None]) -> tuple[NDArray[n
         top[y : stop[0], x : stop[1]] = network.decode(filtered, first, kernel, lookup.sampler).cpu().numpy()
         return around[reach:-reach, reach:-reach]
 
-    for done, ((y, x), inside) in enumerate(zip(corners, in_order(made, corners, device), strict=True), 1):
+    for done, (y, x) in enumerate(corners, 1):
+        inside = made((y, x))
         for sink in (*direct, *boxes):
             add(sink.image, inside, sink.rows[y // tile], sink.columns[x // tile])
         progress(done / len(corners))
@@ -179,7 +180,5 @@ def _decoded(plan: _Plan, latent: Tensor, level: int) -> NDArray[np.float32]:
     ready = with_detail(sharpened(latent, level, plan.wrap), latent[..., : network.detail])
     index = torch.full((1,), float(level), device=device)
     rows = torch.split(ready, max(1, tile_for(device) ** 2 // latent.shape[1]))  # as many texels at a time as a tile's
-    parts = in_order(
-        lambda some: network.decode(some, index, lookup.kernel, lookup.sampler).cpu().numpy(), rows, device
-    )
+    parts = (network.decode(some, index, lookup.kernel, lookup.sampler).cpu().numpy() for some in rows)
     return np.concatenate(list(parts))

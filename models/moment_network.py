@@ -13,7 +13,7 @@ network differs from theirs in five ways.
 - The decoder also chooses how sharp a level is: it adds more or less of what sharpening added.
 - Colours of diffuse light stay averages, right from every direction; colours of highlights may change.
 
-A network may be told of the sampler: for each feature of it (`moment_config.FEATURES`), the decoder adds so many times
+A network may take the sampler: for each feature of it (`moment_config.FEATURES`), the decoder adds so many times
 numbers of its own to what its layers sum up, which is what one more input would do.
 
 Encoder and decoder are dense blocks (Huang et al. 2017); the encoder's first layers see 3 x 3 texels, the rest one.
@@ -144,9 +144,9 @@ class MomentNetwork(Network):
             latent: filtered and sharpened, and what sharpening did (with_detail).
             level: float index of the level of each texel, (..., 1) or what broadcasts to it.
             pixel_filter: that the latents were filtered with.
-            sampler: that will look the texels up; None for a network that is not told of it.
+            sampler: that will look the texels up; None for a network that does not take it.
         """
-        *told, told_output, told_crisp = self._added(sampler)
+        *of_layers, of_output, of_crisp = self._added(sampler)
         count, width = moment_count(self.read), self.detail
         latent, detail = latent[..., :-width], latent[..., -width:].detach()
         found = statistics(latent[..., :count].detach(), self.read)  # of the latents that are not learned
@@ -157,15 +157,15 @@ class MomentNetwork(Network):
         code = [first, second, (level.clamp(max=8) - 3) / 4, named.expand(*latent.shape[:-1], len(FILTERS))]
         maps = torch.cat([found.features(), *code, latent[..., count:]], -1)
         layers = [cast(nn.Linear, layer) for layer in self.decoder]
-        biases = [layer.bias + each for layer, each in zip(layers, told, strict=True)]
+        biases = [layer.bias + each for layer, each in zip(layers, of_layers, strict=True)]
         flat = dense(maps.reshape(1, -1, maps.shape[-1]), [layer.weight for layer in layers], biases)
         maps = flat.reshape(*maps.shape[:-1], -1)
         # Not of one tensor: it would be a copy of all maps.
         by_maps, by_detail = torch.split(self.crisp.weight, [maps.shape[-1], width], 1)
-        crisp = functional.linear(maps, by_maps, self.crisp.bias + told_crisp)
+        crisp = functional.linear(maps, by_maps, self.crisp.bias + of_crisp)
         crisp = crisp + functional.linear(_DETAIL_SCALE * detail, by_detail)
         added = more(detail, crisp.tanh(), self.read)
-        texels = corrected(found, _STEP * (self.output(maps) + told_output), added, self.read, self.made)
+        texels = corrected(found, _STEP * (self.output(maps) + of_output), added, self.read, self.made)
         if self.stretch is not None:
             lobes = added[..., moment_places(self.read).stretch]
             out = _STEP * self.stretch(maps)
@@ -174,9 +174,9 @@ class MomentNetwork(Network):
 
     def forward(self, stored: Tensor, source: str, pixel_filter: str, sampler: Sampler = DEFAULT_SAMPLER) -> Stacks:  # noqa: ARG002
         """See Network. The source is the model that is read."""
-        told = self.config.told(sampler)
-        latents, index = self._latents(stored, pixel_filter, told)
-        levels = _split(self.decode(latents, index, pixel_filter, told), stored)
+        taken = self.config.taken(sampler)
+        latents, index = self._latents(stored, pixel_filter, taken)
+        levels = _split(self.decode(latents, index, pixel_filter, taken), stored)
         (made,) = self.config.decoders
         return {made: agreeing(levels, made, ("wrap", "wrap"))}
 
@@ -206,7 +206,7 @@ class MomentNetwork(Network):
         from mipbake.models.level_filter import Lookup
         from mipbake.models.moment_inference import bake
 
-        return bake(self, stored, source, target, Lookup(pixel_filter, self.config.told(sampler)), wrap, progress)
+        return bake(self, stored, source, target, Lookup(pixel_filter, self.config.taken(sampler)), wrap, progress)
 
 
 def with_detail(sharp: Tensor, plain: Tensor) -> Tensor:

@@ -131,7 +131,7 @@ def _moment(width: int, of: Callable[[_Texel], Tensor], having: Having = every) 
 class Moments(Generic[T]):
     """The moments of a texel, in the order of their channels: how many channels each has, and what it is.
 
-    The first moments, up to `drop`, are also what sharpening is told by (moment_network.MomentNetwork.detail).
+    The first moments, up to `drop`, are also what sharpening goes by (moment_network.MomentNetwork.detail).
     """
 
     base: T = field(metadata=_moment(3, lambda texel: texel.base, has_metallic))

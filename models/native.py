@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,18 +38,12 @@ class Counts:
     outputs: int
 
 
-@dataclass(frozen=True)
-class Axis:
+class Axis(NamedTuple):
     """What texels of an axis are summed from: (n, taps) each, `sharp` by the sharpened filter and `plain` by it."""
 
-    index: NDArray[np.int32]
+    places: NDArray[np.int32]
     sharp: NDArray[np.float32]
     plain: NDArray[np.float32]
-
-    @property
-    def arrays(self) -> tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]]:
-        """As the native core takes them."""
-        return self.index, self.sharp, self.plain
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,9 +125,9 @@ def bake(
 
     Args:
         stored: (H, W, R) float32 stored channels of the model that is read. wrap: wrap mode along u and along v.
-        progress: told the finished share, from 0 to 1.
+        progress: called with the finished share, from 0 to 1.
     """
-    given = [(each.source, each.rows.arrays, each.columns.arrays, each.out, each.biases) for each in sinks]
+    given = [(each.source, each.rows, each.columns, each.out, each.biases) for each in sinks]
     stored = np.ascontiguousarray(stored, np.float32)
     wraps = wrap[1] == "wrap", wrap[0] == "wrap"
     running = _native.NetworkBake(packed, stored, *wraps, top.sharp, top.plain, top.biases, top.out, given)

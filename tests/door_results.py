@@ -11,7 +11,6 @@ import numpy as np
 import torch
 
 from mipbake import _native, raster, sampling, shading, stochastic
-from mipbake.shading import ops
 from mipbake.stochastic import Channels, Moments
 
 from .shading_inputs import MODELS, directions, frames, material, pairs
@@ -85,7 +84,7 @@ def shade() -> Results:
         for N, K in ((171, 40), (2, 3000)):
             arrays = [a.astype(np.float32) for a in (material(rng, model, 2, N), *pairs(rng, 2, K))]
             stored, light, view = (torch.from_numpy(a) for a in arrays)
-            radiance = ops.shade(model, stored.requires_grad_(), light, view)
+            radiance = shading.shade(model, stored.requires_grad_(), light, view)
             (grad,) = torch.autograd.grad(radiance, stored, torch.sign(0.1 - radiance.detach()))
             found += [(shading.shade(model, *arrays), 0), (radiance.detach().numpy(), 0), (grad.numpy(), 0)]
     return found

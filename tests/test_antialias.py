@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 import torch
@@ -13,7 +11,7 @@ from torch import Tensor
 
 from mipbake.raster import _device, antialias, antialias_construct_topology_hash, rasterize, reference
 
-from .raster_scenes import cube, flat, needs_cuda, random_mesh, seen
+from .raster_scenes import flat, needs_cuda, random_mesh
 
 SEEDS = st.integers(0, 2**32 - 1)
 QUAD = torch.tensor([[0, 1, 2], [1, 3, 2]], dtype=torch.int32)
@@ -35,7 +33,7 @@ def coverage(pos: Tensor, tri: Tensor, size: tuple[int, int]) -> Tensor:
     return antialias((rast[..., 3:] > 0).to(pos.dtype), rast, pos, tri)[..., 0]
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(
     seed=SEEDS,
     size=st.tuples(st.integers(1, 18), st.integers(1, 18)),
@@ -144,18 +142,6 @@ def test_topology(seed: int, triangles: int, vertices: int) -> None:
     if triangles:
         assert cycles_of(_device.cycles(tri, vertices)) == expected
     assert np.array_equal(antialias_construct_topology_hash(tri.numpy()).next, native.numpy())
-
-
-def test_topology_is_kept_and_cannot_be_changed() -> None:
-    corners, tri = cube()
-    pos = seen(corners, 4.0, 1)
-    rast, _ = rasterize(None, pos, tri, (20, 20))
-    color = torch.rand(1, 20, 20, 3)
-    topology = antialias_construct_topology_hash(tri)
-    assert torch.equal(antialias(color, rast, pos, tri, topology), antialias(color, rast, pos, tri))
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        topology.next = None
-    assert "tensor" not in repr(topology)
 
 
 @needs_cuda

@@ -88,27 +88,6 @@ def test_projected_positions_return_to_their_pixels() -> None:
     torch.testing.assert_close(projected, expected, rtol=0, atol=1e-12)
 
 
-def test_equal_attributes_are_kept_bit_for_bit() -> None:
-    rast, rast_db, tri = scene(5, (20, 20), 1, torch.float32)
-    attr = torch.tensor([0.1, -7.3, 1e-20]).expand(20, 3)
-    out, out_da = interpolate(attr, rast, tri, rast_db, "all")
-    drawn = rast[..., 3] > 0
-    assert torch.equal(out[drawn], attr[:1].expand(int(drawn.sum()), 3)) and torch.all(out_da == 0)
-    assert torch.all(out[~drawn] == 0)
-
-
-def test_second_result_without_channels() -> None:
-    rast, rast_db, tri = scene(5, (6, 7), 2, torch.float32)
-    attr = torch.rand(20, 3)
-    for arguments in ((None, None), (rast_db, None), (None, "all"), (None, [1]), (rast_db, [])):
-        out, out_da = interpolate(attr, rast, tri, *arguments)
-        assert out.shape == (2, 6, 7, 3) and out_da.shape == (2, 6, 7, 0)
-        arrays = interpolate(
-            attr.numpy(), rast.numpy(), tri.numpy(), *(a.numpy() if isinstance(a, Tensor) else a for a in arguments)
-        )
-        assert [a.shape for a in arrays] == [(2, 6, 7, 3), (2, 6, 7, 0)]
-
-
 def test_empty_meshes_and_images() -> None:
     attr, none = torch.rand(4, 2, requires_grad=True), torch.empty(0, 3, dtype=torch.int32)
     rast = torch.zeros(1, 3, 3, 4, requires_grad=True)

@@ -12,7 +12,6 @@ import torch
 from mipbake import _native, raster, sampling, shading
 from mipbake.base.aligned import aligned, contiguous
 from mipbake.sampling.adjoint import scatter_linear
-from mipbake.shading import ops
 from mipbake.shading.adjoint import shade_adjoint
 
 Odd = Callable[[Any], Any]
@@ -96,7 +95,7 @@ def test_rasters(kind: str) -> None:
 def test_shading() -> None:
     material, light, view = random(6, 8), random(2, 3), random(2, 3)
     same(lambda *a: shading.shade("gltf", *a), material, light, view)
-    same(lambda *a: ops.shade("gltf", *a), *map(torch.from_numpy, (material, light, view)))
+    same(lambda *a: shading.shade("gltf", *a), *map(torch.from_numpy, (material, light, view)))
     frame, radiance = random(6, 3, 3), random(2, 3)
     same(lambda *a: shading.shade_lit("gltf", *a), material, frame, random(6, 3), light, radiance)
     each = [array[None] for array in (material, light, view)]
@@ -110,7 +109,7 @@ def test_gradients() -> None:
 
     def of_shading(material: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
         leaf = material.detach().requires_grad_()
-        return torch.autograd.grad(ops.shade("ggx", leaf, *directions), leaf, weight)[0]
+        return torch.autograd.grad(shading.shade("ggx", leaf, *directions), leaf, weight)[0]
 
     directions = random(2, 3, kind="torch"), random(2, 3, kind="torch")
     same(of_lookups, *(random(*shape, kind="torch") for shape in ((1, 8, 8, 3), (1, 4, 4, 2), (1, 4, 4, 3))))

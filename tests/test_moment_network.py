@@ -11,12 +11,12 @@ import torch
 from mipbake.baking.rules.linear import Linear
 from mipbake.baking.rules.unreal import UNREAL
 from mipbake.base.errors import UsageError
-from mipbake.material import MODELS, Kind, convert, directions
+from mipbake.material import MODELS, Kind, convert
 from mipbake.material.aim import Sampler
 from mipbake.material.filtered_source import FilteredSource
-from mipbake.material.pixel_filter import FILTERS, Wrap, filtered_levels, level_sizes
+from mipbake.material.pixel_filter import FILTERS, filtered_levels, level_sizes
 from mipbake.models.level_filter import width_of
-from mipbake.models.lookup_kernel import periodic_levels, periodic_matrices, sharpened, sharpening
+from mipbake.models.lookup_kernel import periodic_levels, sharpened, sharpening
 from mipbake.models.moment_config import FEATURES, MomentConfig, features
 from mipbake.models.moment_inference import Lookup, bake, bake_levels
 from mipbake.models.moment_network import MomentNetwork
@@ -28,28 +28,6 @@ from mipbake.quality.round_lookups import candidate
 from .moment_cases import ANISOTROPIC, READ, SMALL, TORUS, bumpy, config_of, of_model, trained_like
 
 torch.set_num_threads(1)
-
-
-@pytest.mark.parametrize("wrap", [TORUS, ("clamp", "wrap")])
-@pytest.mark.parametrize(
-    "texel",
-    [
-        (1.0, 0.0, 0.5, 1.0, 0.3, 0.0, 0.0),
-        (0.0, 1.0, 0.25, 0.0, 1.0, 0.3, -0.2),
-        (0.7, 0.7, 0.7, 0.0, 0.02, 0.0, 0.1),
-    ],
-)
-def test_a_constant_material_stays_as_it_is(texel: tuple[float, ...], wrap: Wrap) -> None:
-    xy = np.array(texel[5:])
-    stored = np.concatenate([texel[:5], xy, [np.sqrt(1 - xy @ xy)]]).astype(np.float32)
-    levels = bake(
-        trained_like(), np.tile(stored, (20, 12, 1)), "gltf", "gltf", Lookup("gaussian"), wrap, lambda _: None
-    )
-    for level in levels:
-        np.testing.assert_allclose(level, np.broadcast_to(stored, level.shape), atol=1e-3)  # a quarter of an 8-bit step
-        for channel in range(4):
-            if stored[channel] in (0, 1):
-                assert abs(level[..., channel] - stored[channel]).max() < 1e-6
 
 
 @pytest.mark.parametrize("model", READ)
@@ -93,19 +71,6 @@ def test_tiles_do_not_show(height: int, width: int, pixel_filter: str, model: st
     assert [level.shape[:2] for level in whole] == level_sizes(height, width)
     for left, right in zip(whole, tiled, strict=True):
         np.testing.assert_allclose(left, right, atol=1e-4)
-
-
-def test_threads_do_not_show() -> None:
-    network, stored = trained_like(), bumpy(300, 170)
-    one = bake_levels(network, stored, Lookup("gaussian"), ("clamp", "wrap"), 64)
-    before = torch.get_num_threads()
-    torch.set_num_threads(3)
-    try:
-        three = bake_levels(network, stored, Lookup("gaussian"), ("clamp", "wrap"), 64)
-    finally:
-        torch.set_num_threads(before)
-    for left, right in zip(one, three, strict=True):
-        np.testing.assert_array_equal(left, right)
 
 
 @pytest.mark.parametrize("model", READ)
@@ -214,16 +179,6 @@ def test_directions_are_made_of_tensors(source: str) -> None:
         np.testing.assert_allclose(again[narrow][..., 6:8], given[narrow][..., 6:8], atol=1e-3)
 
 
-def test_kernels_first_asked_for_by_validation_serve_training_too() -> None:
-    periodic_matrices.cache_clear()
-    image = torch.ones(1, 4, 4, 2)
-    with torch.inference_mode():
-        periodic_levels(image, "box")
-    again = image.clone().requires_grad_()
-    sum(level.sum() for level in periodic_levels(again, "box")).backward()  # type: ignore[union-attr]
-    assert again.grad is not None
-
-
 def test_an_anisotropic_constant_stays_round() -> None:
     for roughness in (0.05, 0.5, 1.0):
         stored = np.broadcast_to(np.float32([0.5, 0.2, 0.1, 1.0, roughness, 0.3, 0.0, np.sqrt(0.91)]), (8, 8, 8))
@@ -246,36 +201,6 @@ def test_lobes_are_wider_across_brushing(angle: float) -> None:
     assert abs(top[8:10] @ [np.cos(turn), np.sin(turn)]) > 0.99
     across, along = top[4] ** 2, top[4] ** 2 + (1 - top[4] ** 2) * top[10] ** 2
     assert 1.2 < along / across < 4
-
-
-@pytest.mark.parametrize("angle", [0.0, 30.0, 90.0, 150.0])
-def test_tensors_are_wider_across_brushing(angle: float) -> None:
-    stored, turn = of_model("ggx", 16, 16, 9), np.deg2rad(angle)
-    slope = np.random.default_rng(0).normal(0, 0.15, (16, 16, 1)) * [np.cos(turn), np.sin(turn)]
-    stored[..., 6:8] = slope / np.sqrt(1 + np.square(slope).sum(-1, keepdims=True))
-    stored[..., 8:11] = 4 * np.log(0.3), 4 * np.log(0.3), 0
-    network = MomentNetwork(config_of("ggx")).eval().requires_grad_(False)
-    a, b, c = network.bake(stored, "ggx", "ggx", "gaussian", TORUS)[-1][0, 0, 8:11]
-    along = np.array([(a - b) / 2, c])
-    assert along @ [np.cos(2 * turn), np.sin(2 * turn)] > 0.99 * np.linalg.norm(along)
-    assert 1.2 < np.exp(np.linalg.norm(along)) < 4
-
-
-def test_directions_of_levels_agree() -> None:
-    """d and -d shade alike, but lookups between them would cancel: training has the signs that bakes give."""
-    stored = torch.from_numpy(bumpy(16, 16, 5))[None]
-    stacks = MomentNetwork(ANISOTROPIC)(stored, "gltf", "gaussian")
-    levels = [level[0].detach() for level in stacks["gltf-anisotropic"]]
-    lying = [coarse.repeat_interleave(2, 0).repeat_interleave(2, 1) for coarse in levels[1:]]
-    against = [
-        ((fine[..., 8:10] * under[..., 8:10]).sum(-1) < 0).float().mean()
-        for fine, under in zip(levels[:-1], lying, strict=True)
-    ]
-    assert float(torch.stack(against[:3]).max()) < 0.2, against
-    given = [level.numpy().copy() for level in levels]
-    again = directions.agreeing(given, "gltf-anisotropic", ("wrap", "wrap"))
-    for mine, made in zip(given, again, strict=True):
-        assert ((mine[..., 8:10] * made[..., 8:10]).sum(-1) > 0).mean() > 0.9
 
 
 def test_gradients_of_lobes_are_finite_where_they_are_round() -> None:

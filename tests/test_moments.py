@@ -113,15 +113,6 @@ def test_every_model_has_the_moments_and_outputs_of_its_maps(model: MaterialMode
     assert count(Outputs, read) == count(Outputs, model)
 
 
-def test_moments_have_their_channels_by_name() -> None:
-    stored = torch.from_numpy(bumpy(4, 4))
-    found: Moments[torch.Tensor] = parts(moment_places(GLTF), moments(stored))
-    torch.testing.assert_close(found.metallic_base, stored[..., 3:4] * stored[..., :3])
-    torch.testing.assert_close(found.upward_alpha2, found.upward * found.alpha2)
-    torch.testing.assert_close(found.slope_xy[..., 0], found.slope.prod(-1))
-    assert torch.equal(torch.cat(list(vars(found).values()), -1), moments(stored))
-
-
 def test_bright_texels_know_the_highlight_between_steep_joints() -> None:
     """Flat gloss with one-sided steep joints: the mean normal is off by more than the highlight is wide."""
     stored = bumpy(32, 32, 7)
@@ -138,16 +129,6 @@ def test_bright_texels_know_the_highlight_between_steep_joints() -> None:
         if joints > 0.5:  # dull joints are not tall, whatever their normal
             assert abs(float(found.normal[0] + found.tall_normal[0])) < 0.1 * alpha
         assert float(found.to_narrowest) <= 0
-
-
-def test_what_may_change_is_a_share() -> None:
-    """This holds even for a surface as rough as can be with steep normals, which `to_widened` makes less rough."""
-    stored = torch.from_numpy(bumpy(16, 16, 11))
-    stored[..., 4] = 1.0
-    found = statistics(moments(stored).mean((0, 1)))
-    assert float(found.to_widened) < 0
-    for freedom in (found.freedom, found.tall_freedom, found.upward_freedom):
-        assert 0 <= float(freedom) <= 1
 
 
 def test_kernels_with_negative_lobes_cannot_make_bright_texels_run_away() -> None:

@@ -30,8 +30,8 @@ from mipbake.quality.reference.problem import Problem, Region, whole
 from mipbake.quality.small_pictures import PIXELS
 from mipbake.sampling.adjoint import scatter_linear
 from mipbake.shading import shade
+from mipbake.shading import shade as shade_op
 from mipbake.shading.adjoint import shade_adjoint
-from mipbake.shading.ops import shade as shade_op
 
 from .search_cases import EFFORT, SEEN_ALONE, SMALL, WEIGHTS, WRAP, bumpy, material_of_two
 

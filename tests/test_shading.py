@@ -1,4 +1,4 @@
-"""The NumPy door of shading: against the plain twin, layouts, edge cases, and what it refuses."""
+"""Shading of arrays, under pairs and under many lights at once: against the plain twins, layouts and edge cases."""
 
 from __future__ import annotations
 
@@ -12,11 +12,10 @@ import pytest
 import torch
 
 from mipbake import _native
-from mipbake.base.errors import UsageError
 from mipbake.material import MODELS as LAYOUTS
-from mipbake.shading import TurnedAway, models, reference, shade
+from mipbake.shading import TurnedAway, reference, shade, shade_lit
 
-from .shading_inputs import MODELS, directions, material, pairs, relative_error
+from .shading_inputs import MODELS, directions, frames, material, pairs, relative_error
 
 RELATIVE = 1e-5
 
@@ -24,20 +23,13 @@ RELATIVE = 1e-5
 RULES: tuple[TurnedAway, ...] = ("clamp", "black")
 
 
-def twin(model: str, *arrays: Any, rule: TurnedAway = "clamp") -> Any:
-    return reference.shade(
-        model, *(torch.from_numpy(np.asarray(a, np.float64)) for a in arrays), turned_away=rule
-    ).numpy()
+def twin(model: str, *arrays: Any, rule: TurnedAway = "clamp", call: Any = reference.shade) -> Any:
+    return call(model, *(torch.from_numpy(np.asarray(a, np.float64)) for a in arrays), turned_away=rule).numpy()
 
 
 def inputs(model: str, B: int, K: int, N: int, seed: int = 0) -> list[Any]:
     rng = np.random.default_rng(seed)
     return [a.astype(np.float32) for a in (material(rng, model, B, N), *pairs(rng, B, K))]
-
-
-def test_the_kernels_know_every_model_of_the_library() -> None:
-    assert models() == {name: layout.channels for name, layout in LAYOUTS.items()}
-    assert set(models()) == set(reference.MODELS)
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this system")
@@ -61,14 +53,6 @@ def test_values_agree_with_the_twin(model: str, rule: TurnedAway, dtype: Any, to
     expected = twin(model, *case, rule=rule)
     assert (expected > 0).mean() > 0.1
     assert relative_error(shade(model, *case, turned_away=rule), expected) < tolerance
-
-
-@pytest.mark.parametrize("model", MODELS)
-def test_one_pair_or_one_texel_gives_the_same_as_many(model: str) -> None:
-    stored, light, view = inputs(model, 1, 300, 70)
-    whole = shade(model, stored, light, view)
-    assert np.array_equal(shade(model, stored, light[:, 7:8], view[:, 7:8]), whole[:, 7:8])
-    assert np.array_equal(shade(model, stored[:, 69:70], light, view), whole[:, :, 69:70])
 
 
 def test_shapes_with_and_without_a_batch_axis() -> None:
@@ -147,11 +131,6 @@ def test_nothing_below_the_horizon_of_the_light_and_black_below_that_of_the_view
     assert shade(model, stored, [up, up, up], [up, down, level]).any((1, 2)).all()
 
 
-def test_an_unknown_rule_is_named() -> None:
-    with pytest.raises(UsageError, match="turned_away is 'white': expected one of clamp, black"):
-        shade("ggx", *inputs("ggx", 1, 1, 1), turned_away="white")  # type: ignore[arg-type]
-
-
 EXTREMES = (0.0, -0.0, 1.0, -1.0, 1e-30, -1e-30, 1e30, -1e30, 80.0, -80.0, 3e38, -3e38)
 
 
@@ -172,30 +151,79 @@ def test_finite_input_never_gives_nan(model: str, dtype: Any) -> None:
     assert not np.isnan(grad).any()
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"model": "phong"}, "unknown material model 'phong'.*gltf.*ggx"),
-        ({"material": np.zeros((4, 8), np.float32)}, r"material has shape \(4, 8\).*\(N, 11\)"),
-        ({"material": np.zeros(11, np.float32)}, r"material has shape \(11,\)"),
-        ({"material": np.zeros((4, 11), np.float16)}, "material is float16: expected float32 or float64"),
-        ({"material": np.zeros((4, 11), ">f4")}, "material is >f4: expected float32"),
-        ({"material": np.zeros((4, 11), complex)}, "material is complex128: expected real"),
-        ({"light": np.zeros((5, 4), np.float32)}, r"light has shape \(5, 4\): expected \(K, 3\)"),
-        ({"light": [["a", "b", "c"]]}, "light is <U1: expected real numbers"),
-        ({"light": [[1.0], [1.0, 2.0]]}, "light is not an array of numbers"),
-        ({"view": np.zeros((6, 3), np.float32)}, r"view has shape \(6, 3\) where light has \(5, 3\)"),
-        ({"light": np.zeros((1, 5, 3, 3))}, r"light has shape \(1, 5, 3, 3\) where the material has 4 texels"),
-        ({"view": np.zeros((1, 6, 4, 3))}, r"view has shape \(1, 6, 4, 3\) where light has \(5, 3\)"),
-        ({"view": np.zeros((2, 5, 3)), "material": np.zeros((3, 4, 11))}, "batch sizes.*material has 3, view has 2"),
-    ],
-)
-def test_wrong_arguments_are_named(change: dict[str, Any], message: str) -> None:
-    arguments: dict[str, Any] = {
-        "model": "ggx",
-        "material": np.zeros((4, 11), np.float32),
-        "light": np.zeros((5, 3), np.float32),
-        "view": np.zeros((5, 3), np.float32),
-    }
-    with pytest.raises(UsageError, match=message):
-        shade(**(arguments | change))
+# ---- many lights ----
+
+
+def lit_inputs(model: str, N: int, K: int, dtype: Any = np.float32, seed: int = 0) -> list[Any]:
+    """Material, frame, view, light and radiance: most points see something, and a third of the lights in a mirror."""
+    rng = np.random.default_rng(seed)
+    stored, frame, light = material(rng, model, N), frames(rng, N), directions(rng, K)
+    view = directions(rng, N)
+    # The mirror directions of lights, in the point's own tangent space.
+    local = np.einsum("nij,nj->ni", frame, light[rng.integers(0, K, N)]) * [-1, -1, 1]
+    local[:, 2] = np.abs(local[:, 2])
+    near = local + 0.03 * rng.standard_normal((N, 3))
+    mirrored = np.einsum("nij,ni->nj", frame, near / np.linalg.norm(near, axis=-1, keepdims=True))
+    view[::3] = mirrored[::3]
+    return [a.astype(dtype) for a in (stored, frame, view, light, rng.uniform(0.1, 3, (K, 3)))]
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize(("dtype", "tolerance"), [(np.float32, 1e-5), (np.float64, 1e-9)])
+def test_points_agree_with_the_twin(model: str, dtype: Any, tolerance: float) -> None:
+    case = lit_inputs(model, 171, 70, dtype)
+    expected = twin(model, *case, call=reference.shade_lit)
+    assert (expected > 0).mean() > 0.5
+    assert relative_error(shade_lit(model, *case), expected) < tolerance
+
+
+def test_any_strides_dtypes_and_sequences_of_points_are_read() -> None:
+    stored, frame, view, light, radiance = lit_inputs("gltf", 9, 6)
+    expected = shade_lit("gltf", stored, frame, view, light, radiance)
+    planar = np.asfortranarray(stored)
+    assert not planar.flags.c_contiguous
+    turned = np.ascontiguousarray(frame.transpose(1, 2, 0)).transpose(2, 0, 1)
+    assert np.array_equal(shade_lit("gltf", planar, turned, np.asfortranarray(view), light, radiance), expected)
+    assert np.array_equal(shade_lit("gltf", stored[::-1], frame[::-1], view[::-1], light, radiance), expected[::-1])
+    record = np.zeros(9, [("pad", "u1"), ("texel", "f4", 8)])  # unaligned, strides no multiple of 4
+    record["texel"] = stored
+    assert np.array_equal(
+        shade_lit("gltf", record["texel"], frame.astype(np.float64), view.tolist(), light.tolist(), radiance), expected
+    )
+    same = shade_lit("gltf", np.broadcast_to(stored[4], (9, 8)), frame, view, light, radiance)
+    assert np.array_equal(same[4], expected[4])
+
+
+def test_nothing_below_the_horizon_of_light_or_viewer_and_nothing_without_light() -> None:
+    stored, frame, *_ = lit_inputs("gltf", 4, 1)
+    stored[:, 5:8] = [0, 0, 1]
+    n = frame[:, 2]
+    up, down = n[:1], -n[:1]
+    same = np.repeat(frame[:1], 4, 0)
+    white = np.ones((1, 3), np.float32)
+    assert shade_lit("gltf", stored, same, np.repeat(up, 4, 0), up, white).all()
+    assert not shade_lit("gltf", stored, same, np.repeat(down, 4, 0), up, white).any()
+    assert not shade_lit("gltf", stored, same, np.repeat(up, 4, 0), down, white).any()
+    assert not shade_lit("gltf", stored, same, np.repeat(up, 4, 0), up[:0], white[:0]).any()
+    assert shade_lit("gltf", stored[:0], same[:0], up[:0], up, white).shape == (0, 3)
+    # A light that only the last point sees is not passed over for the packet, nor shown to the others.
+    turned = same.copy()
+    turned[3] = -turned[3]
+    views = np.concatenate([np.repeat(up, 3, 0), down])
+    got = shade_lit("gltf", stored, turned, views, down, white)
+    assert not got[:3].any() and got[3].all()
+
+
+@pytest.mark.parametrize("surfaces", [1, 3])
+def test_surfaces_have_points_and_lights_of_their_own(surfaces: int) -> None:
+    """An argument without an axis for surfaces is the same for all of them."""
+    rng = np.random.default_rng(4)
+    stored, frame, view, _, radiance = lit_inputs("gltf", 70, 5)
+    lights = np.stack([directions(rng, 5) for _ in range(surfaces)]).astype(np.float32)
+    texels = np.stack([np.roll(stored, index, 0) for index in range(surfaces)])
+    found = shade_lit("gltf", texels, frame, view, lights, radiance)
+    assert found.shape == (surfaces, 70, 3)
+    for index in range(surfaces):
+        assert np.array_equal(found[index], shade_lit("gltf", texels[index], frame, view, lights[index], radiance))
+    expected = twin("gltf", texels, frame, view, lights, radiance, call=reference.shade_lit)
+    assert relative_error(found, expected) < 1e-5

@@ -48,16 +48,10 @@ def test_signs_are_the_twins(step: int, seed: int) -> None:
     assert np.array_equal(signs(5000, step, seed), reference.signs(5000, step, seed).numpy())
 
 
-def test_signs_are_numbered_through_all_channels() -> None:
-    channels = Channels((1.0,) * 7, (-math.inf,) * 7, (math.inf,) * 7)
-    plus, _ = stochastic.perturb(np.zeros((300, 7)), channels, 5, 6)
-    assert np.array_equal(plus.ravel(), signs(2100, 5, 6))
-
-
 def test_signs_are_balanced_and_independent_in_pairs() -> None:
     """A mean of n independent signs has the standard error 1 / sqrt(n). 300 means all lie within 5 of them, but for a
     chance below 2e-4 if signs were drawn anew; here they are always the same ones."""
-    n = 1 << 18
+    n = 1 << 17
     bound = 5 / math.sqrt(n)
     base = signs(n, 0, 0)
     shifts = (*range(1, 65), 127, 128, 255, 256, 1000, 1024, 4096, 65536)
@@ -219,26 +213,6 @@ def test_descending_is_torchs_adam(kind: str, dtype: str) -> None:
         kept = np.setdiff1d(np.arange(6), moved)
         assert np.all(np.asarray(gradient)[moved] == 0) and np.array_equal(np.asarray(gradient)[kept], slope[kept])
     close(values, [[x.item() for x in row] for row in rows], dtype, 60)
-
-
-@each_kind
-@each_dtype
-def test_what_is_not_listed_keeps_its_bits(kind: str, dtype: str) -> None:
-    make = KINDS[kind]
-    values = make(random(40, 4, dtype=dtype))
-    first, second = (random(40, 4, seed=seed, dtype=dtype) + 1 for seed in (1, 2))
-    moments = Moments(make(first), make(second), make(np.full(40, 3, np.int32)))
-    gradient, listed = make(random(40, 4, seed=3, dtype=dtype)), np.int32([0, 39, 11])
-    arrays = (values, gradient, moments.first, moments.second, moments.steps)
-    before = [np.asarray(each).copy() for each in arrays]
-    stochastic.descend(values, gradient, moments, CHANNELS, 1.0, make(listed))
-    others = np.setdiff1d(np.arange(40), listed)
-    for now, then in zip(arrays, before, strict=True):
-        assert np.array_equal(np.asarray(now)[others], then[others])
-    assert np.array_equal(np.asarray(moments.steps)[listed], [4, 4, 4])
-    assert np.array_equal(np.asarray(values)[listed, 1], before[0][listed, 1])  # the channel without a magnitude
-    moving = np.asarray(values)[listed][:, [0, 2, 3]]
-    assert np.all(moving >= [0, -0.5, 0]) and np.all(moving <= np.array([1, 2, 0.75]))
 
 
 def test_steps_are_bounded_however_small_gradients_are() -> None:

@@ -105,7 +105,7 @@ def test_the_mean_is_the_exact_gradient_of_a_quadratic_error(whole: bool) -> Non
     known: the sum, over the other parameters j, of (epsilon_j / epsilon_i times the gradient by j of the pixels that
     are credited)^2."""
     linear, channels = Linear.drawn(), Channels((0.1, 0.2, 0.05), (-9.0,) * 3, (9.0,) * 3)
-    values, count = np.random.default_rng(1).uniform(0, 1, (linear.elements, 3)), 3000
+    values, count = np.random.default_rng(1).uniform(0, 1, (linear.elements, 3)), 800
     found = estimates(values, channels, lambda v: (linear.image(v), linear.touched), linear.wanted, count, whole)
     slopes = linear.slopes(values)
     exact = slopes.sum(0)
@@ -134,8 +134,8 @@ def test_crediting_pixels_alone_has_less_variance_than_the_whole_image() -> None
     assert own < 0.5 * whole
 
 
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
-def test_descending_finds_the_solution(dtype: str) -> None:
+def test_descending_finds_the_solution() -> None:
+    dtype = "float32"
     linear, channels = Linear.drawn(), Channels((0.02,) * 3, (0.0,) * 3, (1.0,) * 3)
     values = np.full((linear.elements, 3), 0.5, dtype)
     gradient, moments, wanted = np.zeros_like(values), Moments.of(values), linear.wanted.astype(dtype)
@@ -192,7 +192,7 @@ def test_the_mean_over_texels_is_central_differences_and_the_exact_gradient() ->
     generator = np.random.default_rng(4)
     texels, wanted = generator.uniform(0.2, 0.8, (45, 3)), generator.uniform(0, 1, (SIZE * SIZE, 3))
     channels = Channels((1 / 255, 1 / 255, 0.0), (0.0,) * 3, (1.0,) * 3)
-    found = estimates(texels, channels, textured, wanted, 400)
+    found = estimates(texels, channels, textured, wanted, 150)
     central = central_differences(texels, channels, lambda t: float(np.square(textured(t)[0] - wanted).sum()))
     within_errors(found, central)
     rast, rast_db = rastered(PLACES)
@@ -225,7 +225,7 @@ def test_the_mean_over_vertices_is_central_differences() -> None:
         image, touched = meshed(every)
         return image, lookup[touched]
 
-    found = estimates(inner, channels, moved, wanted, 600)
+    found = estimates(inner, channels, moved, wanted, 250)
     central = central_differences(inner, channels, lambda p: float(np.square(moved(p)[0] - wanted).sum()))
     assert np.abs(central).min() > 0
     # The other vertices' signs move pixels between triangles, and the central difference holds to second order.

@@ -16,14 +16,14 @@ from mipbake.sampling import reference, texture
 from mipbake.sampling._arguments import MAX_SIDE
 from mipbake.sampling.taps import linear_taps
 
-from .texture_cases import BOUNDARIES, FILTERS, PAIRS, random_case
+from .texture_cases import BOUNDARIES, FILTERS, random_case
 
 LINEAR = ("wrap", "clamp", "mirror")
 
 
 @pytest.mark.parametrize("filter_mode", FILTERS)
 @pytest.mark.parametrize(
-    ("dtype", "count", "off"), [(torch.float64, 40, (1e-9, 1e-10)), (torch.float32, 24, (1e-3, 1e-4))]
+    ("dtype", "count", "off"), [(torch.float64, 16, (1e-9, 1e-10)), (torch.float32, 10, (1e-3, 1e-4))]
 )
 def test_native_and_twin_agree(filter_mode: str, dtype: torch.dtype, count: int, off: tuple[float, float]) -> None:
     for seed in range(count):
@@ -43,7 +43,7 @@ def array(tensor: Any) -> Any:
 
 @pytest.mark.parametrize("filter_mode", FILTERS)
 def test_numpy_and_torch_agree_exactly(filter_mode: str) -> None:
-    for case in (random_case(seed, torch.float32, (filter_mode,)) for seed in range(10)):
+    for case in (random_case(seed, torch.float32, (filter_mode,)) for seed in range(4)):
         custom = None if case.custom is None else [array(level) for level in case.custom]
         arrays: Any = [array(t) for t in (case.tex, case.uv, case.uv_da, case.bias)]
         if case.constructed:
@@ -70,7 +70,7 @@ def texel_centres(height: int, width: int, dtype: Any = np.float64) -> Any:
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
-@pytest.mark.parametrize("boundary", PAIRS)
+@pytest.mark.parametrize("boundary", [*((b, b) for b in BOUNDARIES), ("wrap", "clamp"), ("zero", "mirror")])
 @pytest.mark.parametrize("size", [(1, 1), (1, 7), (49, 3), (37, 64), (83, 107), (1, 4095)])
 def test_texel_centres_return_the_texels(size: tuple[int, int], boundary: tuple[str, str], dtype: Any) -> None:
     rng = np.random.default_rng(3)
@@ -191,23 +191,6 @@ def test_long_textures_are_not_read_outside(filter_mode: str) -> None:
         np.testing.assert_array_equal(out, np.zeros_like(out))
     with pytest.raises(UsageError, match=rf"tex has shape .*: expected at most {size} texels a side"):
         texture(wide, uv)
-
-
-def test_half_storage_is_that_of_torch() -> None:
-    rng = np.random.default_rng(11)
-    tex = rng.random((2, 13, 9, 5)).astype(np.float16)
-    uv, uv_da = rng.normal(0, 1, (1, 4, 9, 2)), rng.normal(0, 0.1, (1, 4, 9, 4))
-    out = texture(tex, uv, uv_da)
-    assert out.dtype == np.float32
-    expected = texture(*(torch.from_numpy(a) for a in (tex, uv, uv_da)))
-    np.testing.assert_array_equal(out, expected.numpy())
-    for level, other in zip(
-        sampling.texture_construct_mip(tex).levels,
-        sampling.texture_construct_mip(torch.from_numpy(tex)).levels,
-        strict=True,
-    ):
-        assert level.dtype == np.float16
-        np.testing.assert_array_equal(level, other.numpy())
 
 
 def test_plain_numbers_and_lists_are_coordinates() -> None:

@@ -7,10 +7,12 @@ from typing import Any
 import pytest
 import torch
 from torch import Tensor
-from torch.autograd import forward_ad
 
-from mipbake.base.errors import UsageError
+from mipbake import sampling
 from mipbake.sampling import ops, reference, texture, texture_construct_mip
+
+from .raster_scenes import needs_cuda
+from .texture_cases import FILTERS, random_case
 
 DOUBLE = torch.float64
 
@@ -34,7 +36,7 @@ def test_opcheck(case: str) -> None:
     cube = case == "cube"
     tex = random(1, 6, 4, 4, 2) if cube else random(2, 5, 4, 2)
     uv, uv_da, bias = lookups(2, 2, 3, axes=3 if cube else 2)
-    mips = [level.detach() for level in ops._texture_mips(tex.detach(), 2)]
+    mips = [level.detach() for level in ops.mips(tex.detach(), 2)]
     modes = ("cube", "cube") if cube else ("wrap", "mirror")
     arguments: tuple[Any, ...] = ([tex, *mips], uv, uv_da, bias, "linear-mipmap-linear", *modes, True)
     if case == "custom":
@@ -46,8 +48,8 @@ def test_opcheck(case: str) -> None:
         arguments = ([tex, *mips], uv.detach(), uv_da.detach(), None, "linear-mipmap-linear", *modes, True)
     elif case == "anisotropic":
         arguments = ([tex, *mips], uv, uv_da, None, "anisotropic", *modes, True)
-    torch.library.opcheck(ops._texture, arguments)
-    torch.library.opcheck(ops._texture_mips, (tex.detach(), 2))
+    torch.library.opcheck(ops.texture, arguments)
+    torch.library.opcheck(ops.mips, (tex.detach(), 2))
 
 
 def test_compiled_equals_eager() -> None:
@@ -116,24 +118,6 @@ def test_gradients_at_kinks_are_the_slopes_to_the_right() -> None:
     assert grad.flatten().tolist() == [0, 2, 2, 7, 7, 0, 0]
 
 
-def test_zero_and_infinite_derivatives_clamp() -> None:
-    tex = random(1, 8, 8, 2)
-    uv = lookups(1, 1, 7)[0].detach()
-    uv_da = torch.zeros(1, 1, 7, 4, dtype=DOUBLE)
-    uv_da[..., 1, 0], uv_da[..., 2, 3], uv_da[..., 3, :] = torch.inf, -torch.inf, torch.inf
-    uv_da[..., 4, 0], uv_da[..., 5, 1], uv_da[..., 6, 2] = 1e300, 1e-300, torch.nan
-    uv_da.requires_grad_()
-    for filter_mode in ("linear-mipmap-nearest", "linear-mipmap-linear", "anisotropic"):
-        out = texture(tex, uv, uv_da, filter_mode=filter_mode)
-        level_0, last = texture(tex, uv), tex.mean((1, 2))[:, None, None].expand(1, 1, 7, 2)
-        for index, expected in ((0, level_0), (1, last), (2, last), (3, last), (5, level_0)):
-            torch.testing.assert_close(out[:, :, index], expected[:, :, index], rtol=1e-12, atol=1e-12)
-        assert torch.all(out[:, :, 6].isnan()) and torch.all(out[:, :, :6].isfinite())
-        grad_tex, grad_da = torch.autograd.grad(out[:, :, :6].sum() + out[:, :, 6].sum(), [tex, uv_da])
-        assert torch.all(grad_da == 0) and torch.all(grad_tex.isfinite())
-        assert float(grad_tex.sum()) == pytest.approx(6 * 2)
-
-
 @pytest.mark.parametrize("boundary", ["wrap", "clamp", "mirror", "zero"])
 @pytest.mark.parametrize("size", [6, 300])
 def test_undefined_lookups_leave_gradients_alone(size: int, boundary: str) -> None:
@@ -160,12 +144,11 @@ def test_undefined_lookups_leave_gradients_alone(size: int, boundary: str) -> No
 
 def test_large_textures_match_the_twin() -> None:
     uv, uv_da, bias = (t.detach() for t in lookups(3, 4, 1000))
-    for batch in (1, 3):
-        tex = random(batch, 190, 211, 2)
-        grad = torch.randn(3, 4, 1000, 2, generator=torch.Generator().manual_seed(6), dtype=DOUBLE)
-        (actual,) = torch.autograd.grad(texture(tex, uv, uv_da * 0.1, bias), tex, grad)
-        (expected,) = torch.autograd.grad(reference.texture(tex, uv, uv_da * 0.1, bias), tex, grad)
-        torch.testing.assert_close(actual, expected, rtol=1e-9, atol=1e-10)
+    tex = random(3, 190, 211, 2)
+    grad = torch.randn(3, 4, 1000, 2, generator=torch.Generator().manual_seed(6), dtype=DOUBLE)
+    (actual,) = torch.autograd.grad(texture(tex, uv, uv_da * 0.1, bias), tex, grad)
+    (expected,) = torch.autograd.grad(reference.texture(tex, uv, uv_da * 0.1, bias), tex, grad)
+    torch.testing.assert_close(actual, expected, rtol=1e-9, atol=1e-10)
 
 
 def test_layouts_and_dtypes() -> None:
@@ -235,16 +218,6 @@ def test_half_storage(stack: str, boundary: str, dtype: torch.dtype) -> None:
             torch.testing.assert_close(a, e, rtol=1e-5, atol=1e-5)
 
 
-def test_no_lookups_give_empty_results_and_zero_gradients() -> None:
-    tex = random(2, 4, 4, 3)
-    uv, _, bias = (t.detach()[:, :0].requires_grad_() for t in lookups(1, 1, 5))
-    out = texture(tex, uv, None, bias)
-    assert out.shape == (2, 0, 5, 3)
-    out.sum().backward()
-    assert tex.grad is not None and torch.all(tex.grad == 0)
-    assert uv.grad is not None and uv.grad.shape == uv.shape
-
-
 @pytest.mark.parametrize("cube", [False, True])
 def test_a_batch_of_none_gives_empty_results_and_zero_gradients(cube: bool) -> None:
     tex = random(1, 6, 4, 4, 3) if cube else random(1, 5, 4, 3)
@@ -263,16 +236,6 @@ def test_a_batch_of_none_gives_empty_results_and_zero_gradients(cube: bool) -> N
     assert plain.shape == (0, 2, 3, 3)
 
 
-def test_tangents_are_refused() -> None:
-    tex, uv = random(1, 4, 4, 3).detach(), torch.zeros(1, 2, 3, 2, dtype=DOUBLE)
-    with pytest.raises(UsageError, match=r"tex has a forward-mode tangent: expected none, .*; use torch.autograd.grad"):
-        torch.func.jvp(lambda tex: texture(tex, uv), (tex,), (tex,))
-    with pytest.raises(UsageError, match=r"mip\[1\] has a forward-mode tangent"):
-        torch.func.jvp(lambda level: texture(tex, uv, None, uv[..., 0], [tex, level]), (tex,), (tex,))
-    with forward_ad.dual_level(), pytest.raises(UsageError, match="uv has a forward-mode tangent"):
-        texture(tex, forward_ad.make_dual(uv, uv))
-
-
 def test_gradient_sums_are_the_serial_sums() -> None:
     """One texel that every lookup hits: the sum in float32 in the order of the lookups, and no other."""
     grad = torch.randn(20000, generator=torch.Generator().manual_seed(5)).view(1, 1, -1, 1)
@@ -286,3 +249,38 @@ def test_gradient_sums_are_the_serial_sums() -> None:
         if size > 1:  # a 1 x 1 level adds each gradient in four parts
             assert torch.equal(tex.grad[0, 0, 0, 0], serial)
         torch.testing.assert_close(tex.grad.sum(), grad.double().sum().float(), rtol=1e-4, atol=1e-3)
+
+
+@needs_cuda
+@pytest.mark.parametrize("filter_mode", FILTERS)
+def test_cuda_equals_the_cpu(filter_mode: str) -> None:
+    for seed in range(60):
+        case = random_case(seed, torch.float32, (filter_mode,))
+        expected = case.values_and_gradients(sampling)
+        actual = case.values_and_gradients(sampling, "cuda")
+        assert actual.keys() == expected.keys()
+        assert float((actual["out"] - expected["out"]).abs().max()) < 1e-5, seed
+        for name, e in expected.items():
+            limit = 1e-4 * max(1.0, float(e.abs().max()))
+            assert torch.allclose(actual[name], e, rtol=1e-3, atol=limit), (seed, name)
+
+
+@needs_cuda
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16])
+@pytest.mark.parametrize("boundary", ["mirror", "cube"])
+def test_half_storage_equals_the_cpu(boundary: str, dtype: torch.dtype) -> None:
+    generator = torch.Generator().manual_seed(1)
+    cube = boundary == "cube"
+    tex = torch.rand(2, *((6, 33) if cube else (35,)), 33, 5, generator=generator).to(dtype)
+    uv = torch.randn(2, 30, 40, 3 if cube else 2, generator=generator)
+    uv_da = torch.randn(2, 30, 40, 6 if cube else 4, generator=generator) * 0.1
+    results = []
+    for device in ("cpu", "cuda"):
+        leaf = tex.to(device).requires_grad_()
+        out = texture(leaf, uv.to(device), uv_da.to(device), boundary_mode=boundary)
+        (grad,) = torch.autograd.grad(out.sum(), leaf)
+        results.append([out.cpu(), grad.cpu()])
+        assert out.dtype == torch.float32 and grad.dtype == dtype
+    eps = torch.finfo(dtype).eps
+    torch.testing.assert_close(results[1][0], results[0][0], rtol=0, atol=2 * eps)
+    torch.testing.assert_close(results[1][1], results[0][1], rtol=4 * eps, atol=1e-3)

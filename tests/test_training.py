@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
-import re
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +16,7 @@ from mipbake.material.filtered_source import FilteredSource
 from mipbake.models.latent_config import LatentConfig
 from mipbake.quality.metrics import pair_set
 from mipbake.quality.reference.estimate import reference
-from mipbake.shading.ops import shade
+from mipbake.shading import shade
 from mipbake.training import augmentation, data, loss
 from mipbake.training.batches import draw_batch
 from mipbake.training.config import (
@@ -88,21 +86,6 @@ def test_paper_configurations_are_the_defaults_and_list_every_field(model: str) 
             assert f"\n{field} = " in text
 
 
-@pytest.mark.parametrize(
-    "path", [p for p in sorted(CONFIGS.glob("*.toml")) if "in brackets where it differs" in p.read_text()], ids=str
-)
-def test_brackets_hold_the_defaults(path: Path) -> None:
-    chosen, defaults, section = plain(read_config(path)), plain(TrainingConfig()), ""
-    for line in path.read_text().splitlines():
-        section = line[1:-1] if line.startswith("[") else section
-        if (found := re.fullmatch(r"(\w+) = (?:(?!  ).)+ +# .*?(?: \[(.*)\])?", line)) is not None:
-            default = defaults[section][found[1]]
-            differs = chosen[section][found[1]] != default
-            said = json.dumps(default)
-            assert (found[2] is not None) == differs, line
-            assert not differs or found[2] in (said, said.strip("[]")) or float(found[2]) == default, line
-
-
 @pytest.mark.parametrize("path", sorted(CONFIGS.glob("paper-*.toml")), ids=lambda p: p.stem)
 def test_paper_configurations_are_those_of_its_section_3_4(path: Path) -> None:
     """Kemppinen et al. 2023: Adam with rate 5e-5, betas (0.95, 0.95) and epsilon 1e-6; 310k iterations of 64 lights,
@@ -137,6 +120,12 @@ def test_paper_configurations_are_those_of_its_section_3_4(path: Path) -> None:
         ({"optimiser": {"beta1": 1.0}}, r"optimiser\.beta1"),
         ({"run": {"steps": True}}, r"run\.steps"),
         ({"network": 3}, r"\[network\]"),
+        ({"network": {"architecture": "moments"}}, r"loss\.kind must be"),
+        ({"loss": {"kind": "balanced", "near_mirror": 5}}, "multiple of 6"),
+        ({"data": {"plain": -1.0}}, r"data\.plain"),
+        ({"optimiser": {"fall_from": 5, "fall_until": 2}}, "fall_until"),
+        ({"data": {"captured_sets": 1}}, r"network\.encoders.*beckmann where data\.captured_sets is not 0"),
+        ({"network": {"encoders": ["gltf-anisotropic"]}}, r"network\.encoders must be of"),
         ({"network": {"architecture": []}}, r"network\.architecture must be one of latent, moments, got \[\]"),
         (
             {"network": {"architecture": "moments"}, "loss": {"kind": "balanced", "grazing": 1.0}},
@@ -166,24 +155,12 @@ def test_learning_rate_ramps_and_halves() -> None:
 # Data and augmentation
 
 
-@pytest.mark.parametrize("seed", range(24))
+@pytest.mark.parametrize("seed", range(8))
 def test_procedural_sets_are_valid_periodic_and_reproducible(seed: int) -> None:
     stored = procedural_set(seed, 64)
     assert stored.shape == (64, 64, 8)
     assert_valid(stored, "gltf")
     np.testing.assert_array_equal(stored, procedural_set(seed, 64))
-
-
-def test_procedural_sets_vary() -> None:
-    sets = np.stack([procedural_set(seed, 64) for seed in range(40)])
-    slope = np.linalg.norm(sets[..., 5:7], axis=-1).mean((1, 2))
-    roughness, metallic = sets[..., 4].mean((1, 2)), sets[..., 3].mean((1, 2))
-    assert slope.min() < 0.02
-    assert slope.max() > 0.2
-    assert roughness.min() < 0.3
-    assert roughness.max() > 0.7
-    assert metallic.min() == 0
-    assert metallic.max() == 1
 
 
 @pytest.mark.parametrize("model", MODEL_NAMES)
@@ -230,8 +207,6 @@ def test_colours_are_permuted_alike_in_albedo_and_specular() -> None:
 @pytest.mark.parametrize("quarter_turns", range(4))
 def test_turned_patches_look_the_same_under_turned_light(model: str, quarter_turns: int, mirror: bool) -> None:
     """Shading a turned patch under turned light and view gives the turned picture, anisotropy included."""
-    from mipbake.shading import shade
-
     size = 8
     patch = patches_of(model, 1, size)[0]
     for group in MODELS[model].of(Kind.LOG_TENSOR):
@@ -248,22 +223,6 @@ def test_turned_patches_look_the_same_under_turned_light(model: str, quarter_tur
     expected = expected[:, :, ::-1] if mirror else expected
     got = shade(model, turned.reshape(-1, patch.shape[-1]), light, view).reshape(-1, size, size, 3)
     np.testing.assert_allclose(got, expected, rtol=2e-3, atol=1e-4)
-
-
-def test_eccentric_normals_stay_in_proportion() -> None:
-    """Slopes change linearly: a patch with doubled slopes is still one after the augmentation."""
-    slope = np.random.default_rng(0).normal(0, 0.1, (1, 16, 16, 2)).astype(np.float32)
-
-    def patch(scale: float) -> Any:
-        normal = np.concatenate([slope * scale, np.ones_like(slope[..., :1])], -1)
-        normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-        return np.concatenate([np.full((1, 16, 16, 5), 0.5, np.float32), normal], -1).astype(np.float32)
-
-    slopes = []
-    for scale in (1.0, 2.0):
-        normal = augmentation.change_normals(patch(scale), "gltf", np.random.default_rng(11))[..., 5:8]
-        slopes.append(normal[..., :2] / normal[..., 2:])
-    np.testing.assert_allclose(slopes[1], 2 * slopes[0], rtol=1e-3, atol=1e-4)
 
 
 def test_perlin_noise_is_periodic_and_smooth() -> None:
@@ -310,16 +269,6 @@ def test_the_paper_mixes_a_material_with_itself(name: str) -> None:
     else:
         assert max(sources) == 2
         assert 0.3 < np.mean(np.array(instances) == 1) < 0.7
-
-
-def test_the_paper_turns_nothing() -> None:
-    """Section 3.4 lists permuted colours, rotated and scaled tensors, eccentric normals and mixtures, and no more."""
-    settings = read_config(CONFIGS / "paper-ggx.toml").data
-    for turned in (False, True):
-        asked = dataclasses.replace(settings, turned=turned)
-        patches = data.draw_crops(ramps(), 32, 16, "ggx", np.random.default_rng(0), asked)
-        rises = (np.diff(patches[..., 3], axis=2) > 0).all((1, 2))
-        assert rises.all() != turned
 
 
 def test_boosted_patches_are_glossier_and_steeper() -> None:

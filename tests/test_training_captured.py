@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mipbake.base.errors import UsageError
 from mipbake.material import MAX_LOG_GAMMA, MODELS, regularise
 from mipbake.training import data
 from mipbake.training.captured import SUBSTANCES, captured, captured_set
-from mipbake.training.config import config_from, read_config
+from mipbake.training.config import read_config
 from mipbake.training.loop import new_state
 from mipbake.training.validation import Validator
 
@@ -31,7 +30,7 @@ def axes(stored: Stored) -> tuple[Any, Any, Any]:
     return ((a + b) / 2 + radius) / 2, ((a + b) / 2 - radius) / 2, np.arctan2(c, (a - b) / 2) / 2
 
 
-@pytest.mark.parametrize("seed", range(24))
+@pytest.mark.parametrize("seed", range(8))
 def test_sets_are_valid_periodic_and_reproducible(seed: int) -> None:
     stored = captured_set(seed, 64)
     assert stored.shape == (64, 64, 12)
@@ -52,7 +51,7 @@ def test_sets_are_valid_periodic_and_reproducible(seed: int) -> None:
 
 def test_tails_are_heavy_and_light_and_lobes_are_sharp() -> None:
     """What no converted set has: exponents from far below 1 to far above, and sharp peaks with the heaviest tails."""
-    sets = np.stack([captured_set(seed, 48) for seed in range(96)])
+    sets = np.stack([captured_set(seed, 32) for seed in range(64)])
     gamma = np.exp(sets[..., 11])
     assert np.mean(gamma < 0.5) > 0.15
     assert np.mean(gamma > 1.2) > 0.08
@@ -78,13 +77,6 @@ def test_lobes_are_wide_across_brush_marks() -> None:
         lobes = np.angle(np.mean(np.exp(2j * angle))) / 2
         apart = abs((lobes - np.arctan2(product, difference) / 2 + math.pi / 2) % math.pi - math.pi / 2)
         assert apart < 0.3
-
-
-def test_lobes_of_a_fabric_turn_from_thread_to_thread() -> None:
-    for seed in range(4):
-        _, _, angle = axes(captured(SUBSTANCES["fabric"], np.random.default_rng(seed), 64))
-        along_u = np.cos(2 * angle) > 0
-        assert 0.2 < along_u.mean() < 0.8
 
 
 def mixed(**network: Any) -> data.Materials:
@@ -117,11 +109,6 @@ def test_every_second_turn_of_a_validation_is_a_captured_set(encoders: tuple[str
     if len(encoders) == 1:
         np.testing.assert_allclose(patches[1], middle, atol=2e-3)
     assert np.isfinite(validator.score(new_state(config).average).total)
-
-
-def test_captured_sets_without_an_encoder_for_them_are_refused() -> None:
-    with pytest.raises(UsageError, match=r"network\.encoders.*beckmann where data\.captured_sets is not 0"):
-        config_from({"network": {"encoders": ["ggx"], "decoders": ["ggx"]}, "data": {"captured_sets": 1}})
 
 
 def test_the_paper_s_beckmann_networks_are_trained_on_captured_sets() -> None:

@@ -71,7 +71,7 @@ def reorient(patches: Patches, model: str, rng: np.random.Generator) -> Patches:
 
 
 def turn(patch: Patches, quarter_turns: int, mirror: bool, model: str) -> Patches:
-    """(S, S, C) counterclockwise by quarter turns, seen with +Y up, then mirrored left to right if asked to."""
+    """(S, S, C) counterclockwise by quarter turns, seen with +Y up, then perhaps mirrored left to right."""
     out: Patches = np.rot90(patch, quarter_turns).copy()
     if mirror:
         out = out[:, ::-1].copy()

@@ -32,7 +32,7 @@ from mipbake.quality.reference.lighting import GroupPairs
 from mipbake.quality.reference.samples import Pixels
 from mipbake.quality.samplers import frames_at
 from mipbake.sampling import texture
-from mipbake.shading.ops import shade
+from mipbake.shading import shade
 from mipbake.training.balanced_pairs import Pairs, draw_pairs
 from mipbake.training.base import TORUS, Batch, Loss
 from mipbake.training.checks import require, require_power_of_two, require_share
@@ -127,7 +127,7 @@ class BalancedLossConfig(Loss[BalancedBatch]):
         below: share of the levels of detail below 0 that are kept; the others become 0.
         pictures: of each patch in every band, as people see them (picture_loss.py). picture_weight: of their errors.
         anisotropic: share of the steps whose pictures are looked up anisotropically. other_samplers: share of the steps
-            with one of OTHER_SAMPLERS, for networks that are told all features of the sampler.
+            with one of OTHER_SAMPLERS, for networks that take all features of the sampler.
 
     The defaults are guesses; docs/research.md says what some of them brought.
     """
@@ -160,7 +160,8 @@ class BalancedLossConfig(Loss[BalancedBatch]):
     def __post_init__(self) -> None:
         for name in ("crops", "near_mirror", "hemisphere", "narrow_lobes", "wide_lobes", "room_lights"):
             require(getattr(self, name) >= 1, f"loss.{name}", "at least 1", getattr(self, name))
-        for name in ("rooms", "pictures", "picture_weight"):
+        weights = "mirror_weight", "hemisphere_weight", "light_weight", "room_weight", "blur_weight", "mean_weight"
+        for name in ("rooms", "pictures", "picture_weight", *weights):
             require(getattr(self, name) >= 0, f"loss.{name}", "at least 0", getattr(self, name))
         require_power_of_two("loss.crop_size", self.crop_size)
         for name in ("grazing", "any_filter", "below", "anisotropic", "other_samplers"):
@@ -168,15 +169,8 @@ class BalancedLossConfig(Loss[BalancedBatch]):
         drawn = self.anisotropic + self.other_samplers
         require(drawn <= 1, "loss.anisotropic and loss.other_samplers", "at most 1 together", drawn)
         require(self.grazing < 1, "loss.grazing", "below 1, or no pair is seen from above", self.grazing)
-        for name in ("mirror_weight", "hemisphere_weight", "light_weight", "room_weight", "blur_weight", "mean_weight"):
-            require(getattr(self, name) >= 0, f"loss.{name}", "at least 0", getattr(self, name))
         require(sum(self.kinds) % 6 == 0, "pairs of [loss], rooms' not included,", "a multiple of 6", sum(self.kinds))
         filter_named(self.pixel_filter)
-
-    @property
-    def room_weights(self) -> tuple[float, float, float]:
-        """Weights of the errors of rooms by pixel, over 4 x 4 pixels and over all."""
-        return self.room_weight, self.blur_weight, self.mean_weight
 
     @property
     def kinds(self) -> tuple[int, int, int, int]:
@@ -230,12 +224,10 @@ class BalancedLossConfig(Loss[BalancedBatch]):
         """See Loss; about 1 for each of its parts."""
         stacks = network(batch.patches, batch.source, batch.pixel_filter, batch.sampler)
         lods = sum(seen.lods for seen in batch.seen)
-        losses = [
-            torch.stack(
-                [_band_loss(levels, model, batch, seen, self) * (seen.lods / lods) for seen in batch.seen]
-            ).sum()
-            for model, levels in stacks.items()
-        ]
+        losses = []
+        for model, levels in stacks.items():
+            bands = [_band_loss(levels, model, batch, seen, self) * (seen.lods / lods) for seen in batch.seen]
+            losses.append(torch.stack(bands).sum())
         total = torch.stack(losses).mean() if len(losses) > 1 else losses[0]
         if not batch.pictures:
             return total
@@ -353,7 +345,8 @@ def _band_loss(
     of_lights = (error[:, single:] * lights).mean()
     total = of_sets + config.light_weight * of_lights
     first, second, noisy = (_rooms(each, single, config) for each in (difference, other, seen.independent))
-    for weight, block, floor in zip(config.room_weights, _BLOCKS, _ROOM_FLOORS, strict=True):
+    room_weights = config.room_weight, config.blur_weight, config.mean_weight
+    for weight, block, floor in zip(room_weights, _BLOCKS, _ROOM_FLOORS, strict=True):
         if weight > 0:
             total = total + weight * room_error(first, second, noisy, seen.lods, block, floor)
     return total

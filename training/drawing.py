@@ -54,12 +54,12 @@ def _places(sizes: list[int]) -> tuple[list[slice], int]:
 
 
 class Drawer(Generic[T]):
-    """Draws batches ahead, in the order asked for: `ask` for some indices, then `take` as many.
+    """Draws batches ahead, in the order of their requests: `ask` for some indices, then `take` as many.
 
     Args:
         draw: the batch of an index, a pure function.
         example: an index; batches that are more than twice as large as the batch of this index are handed over slower.
-        ahead: batches that are drawn at a time, each by a process or a thread of its own. So many may be asked for
+        ahead: batches that are drawn at a time, each by a process or a thread of its own. So many may be requested
             until the first of them is taken.
     """
 
@@ -86,7 +86,7 @@ class Drawer(Generic[T]):
         self._asked.append(process)
 
     def take(self) -> T:
-        """The batch that was asked for first; raises what its drawing raised."""
+        """The batch that was requested first; raises what its drawing raised."""
         if self._threads is not None:
             return self._pending.popleft().result()
         process = self._asked.popleft()

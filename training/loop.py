@@ -165,7 +165,7 @@ def load_state(path: Path, device: torch.device = _CPU) -> TrainingState:
 
 
 def state_of(content: dict[str, Any], device: torch.device = _CPU) -> TrainingState:
-    """The state that `TrainingState.content` told, on a device."""
+    """The state that `TrainingState.content` gave, on a device."""
     config = config_from(content["config"])
     state = _state(config, config.network.build(), device)
     state.network.load_state_dict(content["network"])
@@ -205,7 +205,7 @@ def start_from(state: TrainingState, path: Path) -> list[str]:
     """
     own, other = state.network.state_dict(), _released(path) or load_state(path).average.state_dict()
     if "told" in own and "told" in other and len(other["told"]) < len(own["told"]):
-        # More is told of the sampler than those weights know: the features that they know come first.
+        # More of the sampler is taken than those weights know: the features that they know come first.
         other = {**other, "told": torch.cat([other["told"], own["told"][len(other["told"]) :]])}
     fitting = {name: value for name, value in other.items() if name in own and own[name].shape == value.shape}
     if not fitting:
@@ -335,7 +335,7 @@ def _trained(
 
 
 class _Logs:
-    """CSV files, one a table, and TensorBoard where asked for. A resumed run drops the rows it will write again."""
+    """CSV files, one a table, and TensorBoard where configured. A resumed run drops the rows it will write again."""
 
     def __init__(self, out: Path, run: RunConfig, step: int) -> None:
         self._out = out

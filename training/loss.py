@@ -28,7 +28,7 @@ from mipbake.quality.reference.estimate import estimate
 from mipbake.quality.reference.lighting import GroupPairs
 from mipbake.quality.reference.samples import Pixels
 from mipbake.sampling import texture
-from mipbake.shading.ops import shade
+from mipbake.shading import shade
 from mipbake.training.base import TORUS, Batch, Loss
 from mipbake.training.checks import require, require_power_of_two, require_share
 

@@ -32,7 +32,7 @@ from mipbake.quality.metrics.images import tonemapped
 from mipbake.quality.metrics.visible import COSINES, OPPONENT, SENSITIVITY, SIDE, WEIGHT, adaptation, bands
 from mipbake.quality.small_pictures import MEDIAN, SLANTS, draw_small_pictures
 from mipbake.sampling import texture
-from mipbake.shading.ops import shade
+from mipbake.shading import shade
 from mipbake.training.base import TORUS
 
 _ROOMS = "studio", "sky", "lamps", "key"

@@ -3,7 +3,7 @@
 Each draws batches of its own. A step takes the mean of all their gradients, as one process would find it in all their
 batches together. So the networks of all processes stay the same, and any one of them can go on alone.
 
-`torchrun` begins the processes, and the environment tells which one each is.
+`torchrun` begins the processes, and the environment says which one each is.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Ranks:
         return self.rank == 0
 
     def device(self, name: str) -> str:
-        """The device of this process, where a user asked for one: of a machine's graphics cards each gets its own."""
+        """The device of this process, where a user named one: of a machine's graphics cards each gets its own."""
         return f"{name}:{self.local}" if name == "cuda" and self.count > 1 else name
 
     def average_(self, vectors: Iterable[Tensor]) -> None:

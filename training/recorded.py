@@ -4,7 +4,7 @@ A step is hundreds of short kernels, and asking for each of them takes longer th
 kind of batch is recorded as a graph, and later steps are one call each.
 
 A recorded step reads the same memory every time, where each batch is copied to, and asks nothing of the processor. One
-thing has to be asked in between: which signs directions take, where a model stores directions
+thing has to be found out in between: which signs directions take, where a model stores directions
 (`mipbake.material.directions`). A graph of its own makes the levels that this is found in, and the graph of the step
 reads what was found.
 """
@@ -50,7 +50,7 @@ def recorded(work: Callable[[], _Result]) -> Callable[[], _Result]:
 
 
 def _current(device: torch.device) -> AbstractContextManager[object]:
-    """Inside, a graphics card is the one that is asked where none is named."""
+    """Inside, a graphics card is the one that works where none is named."""
     return torch.cuda.device(device) if device.type == "cuda" else nullcontext()
 
 

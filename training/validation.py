@@ -21,7 +21,7 @@ from mipbake.material.filtered_source import FilteredSource
 from mipbake.material.pixel_filter import Wrap
 from mipbake.models.architecture import Architecture
 from mipbake.models.base import Network
-from mipbake.quality.metrics import PAIR_SETS, LightViewPairs, pair_set, snr_from_sums, snr_sums
+from mipbake.quality.metrics import PAIR_SETS, pair_set, snr_from_sums, snr_sums
 from mipbake.quality.metrics.pairs import WeightedPairs
 from mipbake.quality.reference.estimate import reference
 from mipbake.quality.reference.pair_sets import weighted_pair_set
@@ -122,20 +122,9 @@ class Validator:
 
     def _case(self, patch: _Patch, lod: float, rng: np.random.Generator) -> _Case:
         uv = random_points(rng, self.effort.points)
-        first, second = (self._reference(patch, uv, lod, patch.pairs, self.effort.samples, rng) for _ in range(2))
-        return _Case(lod, uv, first, second)
-
-    def _reference(
-        self,
-        patch: _Patch,
-        uv: NDArray[np.float64],
-        lod: float,
-        pairs: LightViewPairs,
-        samples: int,
-        rng: np.random.Generator,
-    ) -> NDArray[np.float32]:
         source = FilteredSource(patch.stored, patch.model, _TORUS, self.pixel_filter)
-        return reference(source, uv, lod, pairs, samples, rng)
+        first, second = (reference(source, uv, lod, patch.pairs, self.effort.samples, rng) for _ in range(2))
+        return _Case(lod, uv, first, second)
 
     def _snr(
         self, levels: list[NDArray[np.float32]], model: str, patch: _Patch, cases: list[_Case]
@@ -172,11 +161,12 @@ class Validator:
         for patch in self.patches[:_PICTURED]:
             levels, row = self.stacks(network, patch)[self.models[0]], []
             for lod in _PICTURE_LODS:
+                source = FilteredSource(patch.stored, patch.model, _TORUS, self.pixel_filter)
                 rng = np.random.default_rng(_SEED)
-                reference = self._reference(patch, uv, lod, pairs, self.effort.picture_samples, rng)
+                right = reference(source, uv, lod, pairs, self.effort.picture_samples, rng)
                 prediction = candidate(levels, self.models[0], _TORUS, uv, lod, pairs)
-                exposure = 0.25 / max(float(reference.mean()), 1e-6)
-                shown = _tonemap(prediction * exposure), _tonemap(reference * exposure)
+                exposure = 0.25 / max(float(right.mean()), 1e-6)
+                shown = _tonemap(prediction * exposure), _tonemap(right * exposure)
                 row += [*shown, np.clip(4 * abs(shown[0] - shown[1]), 0, 1)]
             rows.append(np.concatenate([r.reshape(size, size, 3) for r in row], 1))
         _write_png(path, np.concatenate(rows))

@@ -15,7 +15,7 @@ from mipbake.base.errors import UsageError
 if TYPE_CHECKING:
     from torch import Tensor
 
-__all__ = ["aligned", "check_dense", "contiguous"]
+__all__ = ["aligned", "check_dense", "contiguous", "dense", "strided"]
 
 
 def contiguous(array: Any, dtype: DTypeLike | None = None) -> NDArray[Any]:
@@ -30,6 +30,19 @@ def aligned(tensor: Tensor) -> Tensor:
     """
     tensor = tensor.resolve_neg()
     return tensor.clone() if tensor.data_ptr() % tensor.element_size() else tensor
+
+
+def dense(value: Any) -> Any:
+    """An array or a tensor as the native core reads it: contiguous, aligned, and no part of a graph."""
+    return contiguous(value) if isinstance(value, np.ndarray) else aligned(value.detach().contiguous())
+
+
+def strided(value: Any) -> Any:
+    """The same where the native core reads any strides: a copy only where elements lie off multiples of their size."""
+    if isinstance(value, np.ndarray):
+        whole = all(stride % value.itemsize == 0 for stride in value.strides)
+        return value if whole and value.flags.aligned else contiguous(value)
+    return aligned(value.detach())
 
 
 def check_dense(name: str, tensor: Tensor) -> None:

@@ -4,19 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import Any
+
+import numpy as np
 
 from mipbake.base.errors import UsageError
 
-if TYPE_CHECKING:
-    from torch import Tensor
-
-__all__ = ["current_stream"]
+__all__ = ["current_stream", "errors_of_data"]
 
 
 @contextmanager
-def current_stream(tensor: Tensor, what: str) -> Iterator[int]:
-    """Makes the tensor's device current and gives torch's stream on it as an integer; 0 on the CPU.
+def errors_of_data() -> Iterator[None]:
+    """The native core's ValueError is about the numbers in an argument, and says so in a whole sentence."""
+    try:
+        yield
+    except ValueError as error:
+        raise UsageError(str(error)) from None
+
+
+@contextmanager
+def current_stream(tensor: Any, what: str) -> Iterator[int]:
+    """Makes the tensor's device current and gives torch's stream on it as an integer; 0 on the CPU, and of arrays.
 
     Args:
         tensor: any argument of the op.
@@ -25,7 +33,7 @@ def current_stream(tensor: Tensor, what: str) -> Iterator[int]:
     Raises:
         UsageError: a CUDA tensor where the native core was built without CUDA.
     """
-    if tensor.device.type != "cuda":
+    if isinstance(tensor, np.ndarray) or tensor.device.type != "cuda":
         yield 0
         return
     import torch

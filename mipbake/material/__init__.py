@@ -18,8 +18,6 @@ from mipbake.material.beckmann import beckmann_to_ggx, ggx_to_beckmann
 from mipbake.material.gltf import (
     DIELECTRIC_F0,
     base_and_metallic,
-    ggx_to_gltf,
-    ggx_to_gltf_anisotropic,
     gltf_to_ggx,
 )
 from mipbake.material.kinds import (
@@ -41,11 +39,8 @@ from mipbake.material.kinds import (
 from mipbake.material.model import (
     GGX_LOBE,
     Lines,
-    Lobe,
     MaterialModel,
-    MaterialPart,
     ModelMap,
-    View,
     rgb,
     with_unit_length,
 )
@@ -53,7 +48,6 @@ from mipbake.material.models import (
     COMMON,
     GLTF_MODELS,
     MODELS,
-    Losses,
     convert,
     least_alpha2,
     losses,
@@ -71,7 +65,6 @@ from mipbake.material.tensors import (
     positive_definite,
     tensor_exp,
     tensor_log,
-    tensor_to_axes,
 )
 
 __all__ = [
@@ -96,20 +89,14 @@ __all__ = [
     "Facts",
     "Kind",
     "Lines",
-    "Lobe",
-    "Losses",
     "MaterialModel",
-    "MaterialPart",
     "ModelMap",
-    "View",
     "axes_to_tensor",
     "base_and_metallic",
     "beckmann_to_ggx",
     "convert",
     "full_tensor",
     "ggx_to_beckmann",
-    "ggx_to_gltf",
-    "ggx_to_gltf_anisotropic",
     "gltf_to_ggx",
     "least_alpha2",
     "lift_normal",
@@ -122,7 +109,6 @@ __all__ = [
     "rgb",
     "tensor_exp",
     "tensor_log",
-    "tensor_to_axes",
     "unknown",
     "with_unit_length",
 ]

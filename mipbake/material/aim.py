@@ -86,7 +86,7 @@ SAMPLERS: Mapping[str, Sampler] = {
 """Samplers that have a name of their own, the default first."""
 
 DEFAULT_SAMPLER = TRILINEAR
-"""What real-time engines do unless they are told otherwise."""
+"""What real-time engines do unless they are set otherwise."""
 
 DEFAULT_AIM = 0.5
 """From 0, SNR under single lights, to 1, what people see in moving pictures."""

@@ -147,24 +147,6 @@ class MaterialModel:
     exact: Mapping[str, Conversion] = field(default_factory=dict)
     decoded_from: str | None = None
 
-    def __post_init__(self) -> None:
-        kinds = [each.kind for each in self.stored]
-        lined = Kind.DIRECTION in kinds
-        right = {
-            "a normal": sum(kind in (Kind.NORMAL, Kind.NORMAL_XY) for kind in kinds) == 1,
-            "a roughness or a tensor": sum(kind in (Kind.ROUGHNESS, Kind.LOG_TENSOR) for kind in kinds) == 1,
-            "each other kind but reflectances and shares once": all(
-                kinds.count(kind) <= 1 for kind in Kind if kind not in _ALIKE
-            ),
-            "a strength behind a direction, beside a roughness": (Kind.STRENGTH in kinds) == lined
-            and (not lined or (Kind.ROUGHNESS in kinds and self.lines is not None)),
-            "a meaning for each channel": all(len(each.meanings) == each.facts.channels for each in self.stored),
-            "each channel in the view": set(itertools.chain(*self.view.textures)) == set(range(self.channels)),
-        }
-        if not all(right.values()):
-            missing = [what for what, fine in right.items() if not fine]
-            raise AssertionError(f"the description of {self.name} is expected to have {', '.join(missing)}")
-
     # ---- channels
 
     @cached_property

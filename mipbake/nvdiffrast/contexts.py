@@ -19,7 +19,7 @@ __all__ = ["MODES", "RasterizeCudaContext", "RasterizeGLContext"]
 
 MODES = ("automatic", "manual")
 
-_told: list[str] = []
+_warned: list[str] = []
 """The warning that there is no graphics card, once it has been given in this process."""
 
 
@@ -135,10 +135,10 @@ def _found(device: Any, name: str) -> torch.device:
         import torch
     if device is None:
         found = torch.device("cuda", torch.cuda.current_device()) if torch.cuda.is_available() else None
-        if found is None and not _told and LOGGER.isEnabledFor(logging.WARNING):
+        if found is None and not _warned and LOGGER.isEnabledFor(logging.WARNING):
             why = "torch finds no graphics card" if torch.version.cuda else "torch was built without CUDA"
-            _told.append(f"{why}, so {name} rasterises on the processor, with tensors there")
-            LOGGER.warning(_told[0])
+            _warned.append(f"{why}, so {name} rasterises on the processor, with tensors there")
+            LOGGER.warning(_warned[0])
         found = found or torch.device(PROCESSOR)
     else:
         found = torch.device(checked_device(_name(device, torch.device), "rasterise"))

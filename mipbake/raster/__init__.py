@@ -22,11 +22,14 @@ without a topology_hash twice).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from types import TracebackType
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from mipbake.raster._door import door
+from mipbake.base.arguments import is_array
+from mipbake.base.errors import UsageError
+from mipbake.base.forward_mode import refuse_tangents
+from mipbake.raster import _arguments, _forward
 from mipbake.raster.context import RasterizeContext, Topology
-from mipbake.raster.depth_peeler import DepthPeeler
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -84,8 +87,78 @@ def rasterize(
         UsageError: the type, dtype, device or shape of an argument does not fit, a vertex index or a range is out of
             bounds, or a position is not finite. The message names the argument and the place.
     """
-    rast, rast_db = door(pos).rasterize(ctx, pos, tri, resolution, ranges, grad_db)
+    rast, rast_db = _layer(ctx, pos, tri, resolution, ranges, grad_db)
     return rast, rast_db
+
+
+def _layer(
+    ctx: RasterizeContext | None, pos: Any, tri: Any, resolution: Any, ranges: Any, grad_db: bool, previous: Any = None
+) -> tuple[Any, Any]:
+    """`rasterize`; with `previous`, the first of its results, only what lies behind that."""
+    _arguments.check_context(ctx)
+    size = _arguments.size_of(resolution)
+    _arguments.check_mesh(pos, tri)
+    ranges = None if len(pos.shape) == 3 else _arguments.checked_ranges(ranges, pos)
+    scratch = 0 if ctx is None else ctx.handle
+    if is_array(pos):
+        return _forward.rasterize(pos, tri, *size, ranges, previous, scratch)
+    from mipbake.raster import ops
+
+    refuse_tangents(pos=pos)
+    rast, rast_db = ops.rasterize(pos, tri, *size, ranges, None if previous is None else previous.detach(), scratch)
+    return rast, rast_db if grad_db else rast_db.detach()
+
+
+class DepthPeeler:
+    """Rasterises the layers of a scene one after the other, each behind the one before.
+
+        with DepthPeeler(ctx, pos, tri, resolution) as peeler:
+            front, front_db = peeler.rasterize_next_layer()
+            second, second_db = peeler.rasterize_next_layer()
+
+    The arguments are the same as in `rasterize`, in the same order. They are checked when the first layer is
+    rasterised, and must not be changed in place before the last layer.
+    """
+
+    def __init__(
+        self,
+        ctx: RasterizeContext | None,
+        pos: Any,
+        tri: Any,
+        resolution: Any,
+        ranges: Any = None,
+        grad_db: bool = True,
+    ) -> None:
+        _arguments.check_context(ctx)
+        self._given = (ctx, pos, tri, resolution, ranges, grad_db)
+        self._open = False
+        self._previous: Any = None
+
+    def __enter__(self) -> DepthPeeler:
+        self._open, self._previous = True, None
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._open, self._previous = False, None
+
+    def rasterize_next_layer(self) -> tuple[Any, Any]:
+        """The same two results as `rasterize`, of what is strictly behind the layer before.
+
+        The first layer is the result of `rasterize`. In every further layer a pixel holds the nearest point whose z/w,
+        as it is stored, is greater than the z/w of the layer before. Where the layer before was empty, it is empty. So
+        of several surfaces at the same depth one is seen and the others are skipped. Gradients flow through each layer
+        by itself; z/w has no gradient.
+
+        Raises:
+            UsageError: as `rasterize` raises it, or the call is outside of a `with` statement.
+        """
+        if not self._open:
+            raise UsageError("the depth peeler is not open: use it as in 'with DepthPeeler(...) as peeler:'")
+        layer, derivatives = _layer(*self._given, self._previous)
+        self._previous = layer
+        return layer, derivatives
 
 
 def interpolate(
@@ -118,7 +191,15 @@ def interpolate(
         UsageError: the type, dtype, device or shape of an argument does not fit, or a vertex index or a triangle_id is
             out of bounds. The message names the argument and the place.
     """
-    out, out_da = door(attr).interpolate(attr, rast, tri, rast_db, diff_attrs)
+    selected = _arguments.attributes_of(attr, rast, tri, rast_db, diff_attrs)
+    given: Any = (attr, rast, tri, rast_db if selected else None, selected)
+    if is_array(attr):
+        out, out_da = _forward.interpolate(*given)
+        return out, out_da
+    from mipbake.raster import ops
+
+    refuse_tangents(attr=attr, rast=rast, rast_db=rast_db)
+    out, out_da = ops.interpolate(*given)
     return out, out_da
 
 
@@ -162,7 +243,18 @@ def antialias(
         UsageError: the type, dtype, device or shape of an argument does not fit, a vertex index or a triangle_id is
             out of bounds, or a position is not finite. The message names the argument and the place.
     """
-    out: Array = door(color).antialias(color, rast, pos, tri, topology_hash, pos_gradient_boost)
+    _arguments.check_antialias(color, rast, pos, tri)
+    boost = _arguments.boost_of(pos_gradient_boost)
+    found = _topology(tri, pos.shape[-2]) if topology_hash is None else _arguments.next_of(topology_hash, tri)
+    given: Any = (color, rast, pos, tri, found, boost)
+    out: Array
+    if is_array(color):
+        out = _forward.antialias(*given)
+        return out
+    from mipbake.raster import ops
+
+    refuse_tangents(color=color, pos=pos)
+    out = ops.antialias(*given)
     return out
 
 
@@ -180,5 +272,13 @@ def antialias_construct_topology_hash(tri: Array) -> Topology:
     Raises:
         UsageError: tri has another type, dtype or shape, or a negative index.
     """
-    topology: Topology = door(tri).antialias_construct_topology_hash(tri)
-    return topology
+    _arguments.check_triangles(tri)
+    return Topology(_topology(tri, -1))
+
+
+def _topology(tri: Any, vertices: int) -> Any:
+    if is_array(tri):
+        return _forward.topology(tri, vertices)
+    from mipbake.raster import ops
+
+    return ops.topology(tri, vertices)

@@ -1,4 +1,4 @@
-"""Checks of the numbers in tensors, and the topology: by the native core on the CPU, with torch's own ops elsewhere."""
+"""What the native core does on the CPU alone, with torch's own ops: checks of the numbers in tensors, the topology."""
 
 from __future__ import annotations
 
@@ -6,40 +6,16 @@ import torch
 from torch import Tensor
 
 from mipbake.base.errors import UsageError
-from mipbake.raster._arguments import MAX_SPARSITY
-
-__all__ = ["check", "topology"]
-
-
-def check(
-    tri: Tensor,
-    vertices: int,
-    *,
-    pos: Tensor | None = None,
-    ranges: Tensor | None = None,
-    rast: Tensor | None = None,
-) -> None:
-    """Vertex indices below the number of vertices, finite positions, ranges within tri, ids of triangles that exist.
-
-    With CUDA it waits for the device once. On the CPU the kernels check ids as they read them.
-    """
-    if tri.is_cuda:
-        check_with_torch(tri, vertices, pos=pos, ranges=ranges, rast=rast)
-        return
-    from mipbake import _native
-
-    _native.check_mesh(pos, tri, vertices, ranges)
 
 
 def check_with_torch(
     tri: Tensor,
     vertices: int,
-    *,
     pos: Tensor | None = None,
     ranges: Tensor | None = None,
     rast: Tensor | None = None,
 ) -> None:
-    """`check` on any device, all of it, with the sentences of the native core."""
+    """`_forward.check_numbers` on any device, all of it, with the sentences of the native core."""
     triangles = tri.shape[0]
     outside = (tri < 0) | (tri >= vertices)
     wrong = outside.any()
@@ -85,25 +61,6 @@ def _first(where: Tensor) -> tuple[int, ...]:
 
 def _listed(at: tuple[int, ...]) -> str:
     return ", ".join(map(str, at))
-
-
-def topology(tri: Tensor, vertices: int | None) -> Tensor:
-    """(T, 3) int32: of each triangle edge the next one, 3 t + e, on the same two vertices, in a cycle."""
-    from mipbake import _native
-
-    following = torch.empty_like(tri)
-    if tri.numel() == 0:
-        return following
-    if vertices is None:
-        vertices = int(tri.max()) + 1
-        if vertices > MAX_SPARSITY * tri.numel() and int(tri.min()) >= 0:
-            used, tri = torch.unique(tri, return_inverse=True)
-            tri, vertices = tri.int(), len(used)
-    check(tri, vertices)
-    if tri.is_cuda:
-        return cycles(tri, vertices)
-    _native.antialias_topology(tri, vertices, following)
-    return following
 
 
 def cycles(tri: Tensor, vertices: int) -> Tensor:

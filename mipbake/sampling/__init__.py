@@ -7,55 +7,32 @@ torch twins, which they are tested against.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, TypeVar
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
-
-from mipbake.sampling._arguments import TextureMip
+from mipbake.base.arguments import is_array, reals
+from mipbake.base.forward_mode import refuse_tangents
+from mipbake.sampling import _arguments, _forward
+from mipbake.sampling._arguments import TextureMip, level_sizes
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
     from torch import Tensor
+
+    Array = TypeVar("Array", NDArray[Any], Tensor)
 
 __all__ = ["texture", "texture_construct_mip"]
 
 
-@overload
 def texture(
-    tex: Tensor,
-    uv: Tensor,
-    uv_da: Tensor | None = None,
-    mip_level_bias: Tensor | None = None,
-    mip: TextureMip | Sequence[Tensor] | None = None,
-    filter_mode: str = "auto",
-    boundary_mode: str | Sequence[str] = "wrap",
-    max_mip_level: int | None = None,
-) -> Tensor: ...
-
-
-@overload
-def texture(
-    tex: NDArray[Any],
-    uv: ArrayLike,
-    uv_da: ArrayLike | None = None,
-    mip_level_bias: ArrayLike | None = None,
-    mip: TextureMip | Sequence[NDArray[Any]] | None = None,
-    filter_mode: str = "auto",
-    boundary_mode: str | Sequence[str] = "wrap",
-    max_mip_level: int | None = None,
-) -> NDArray[Any]: ...
-
-
-def texture(
-    tex: Any,
+    tex: Array,
     uv: Any,
     uv_da: Any = None,
     mip_level_bias: Any = None,
-    mip: Any = None,
+    mip: TextureMip | Sequence[Array] | None = None,
     filter_mode: str = "auto",
     boundary_mode: str | Sequence[str] = "wrap",
     max_mip_level: int | None = None,
-) -> Any:
+) -> Array:
     """Filtered texture lookups (Laine et al. 2020, section 3.5).
 
     Texel (row i, column j) of a level is centred at u = (j + 1/2) / W, v = (i + 1/2) / H. The same u and v address
@@ -118,13 +95,41 @@ def texture(
         UsageError: the type, dtype, device, shape or name of an argument does not fit, or an argument is missing that
             the filter needs.
     """
-    if isinstance(tex, np.ndarray):
-        from mipbake.sampling import arrays
-
-        return arrays.texture(tex, uv, uv_da, mip_level_bias, mip, filter_mode, boundary_mode, max_mip_level)
+    dtype, like = _arguments.check_storage(tex), ("tex", tex)
+    named = {"uv": uv, "uv_da": uv_da, "mip_level_bias": mip_level_bias}
+    uv = reals("uv", uv, like, dtype)
+    uv_da = None if uv_da is None else reals("uv_da", uv_da, like, dtype)
+    bias = None if mip_level_bias is None else reals("mip_level_bias", mip_level_bias, like, dtype)
+    plan: _arguments.Plan = _arguments.plan_texture(
+        tuple(tex.shape),
+        tuple(uv.shape),
+        None if uv_da is None else tuple(uv_da.shape),
+        None if bias is None else tuple(bias.shape),
+        _arguments.checked_mip(mip, tex),
+        filter_mode,
+        boundary_mode,
+        max_mip_level,
+    )
+    if not is_array(tex):
+        levels = {} if mip is None or isinstance(mip, TextureMip) else {f"mip[{i}]": each for i, each in enumerate(mip)}
+        refuse_tangents(tex=tex, **named, **levels)
+    coarser: Sequence[Any] = ()
+    if plan.levels > 1:
+        made = _mips(tex, plan.levels - 1) if mip is None else mip.levels if isinstance(mip, TextureMip) else mip
+        coarser = made[: plan.levels - 1]
+    chain = bool(coarser) and (mip is None or isinstance(mip, TextureMip))
+    chooses_level = plan.filter not in ("nearest", "linear")
+    uv_da, bias = (each if chooses_level else None for each in (uv_da, bias))
+    along_u, along_v = plan.boundary
+    given: Any = ([tex, *coarser], uv, uv_da, bias, plan.filter, along_u, along_v, chain)
+    out: Array
+    if is_array(tex):
+        out = _forward.texture(*given)
+        return out
     from mipbake.sampling import ops
 
-    return ops.texture(tex, uv, uv_da, mip_level_bias, mip, filter_mode, boundary_mode, max_mip_level)
+    out = ops.texture(*given)
+    return out
 
 
 def texture_construct_mip(
@@ -148,10 +153,17 @@ def texture_construct_mip(
     Raises:
         UsageError: the type, dtype, device or shape of an argument does not fit.
     """
-    if isinstance(tex, np.ndarray):
-        from mipbake.sampling import arrays
+    _arguments.check_storage(tex)
+    _arguments.check_texture("tex", tuple(tex.shape), cube_mode, "cube_mode to True")
+    _arguments.check_max_mip_level(max_mip_level)
+    count = len(level_sizes(tex.shape[-3], tex.shape[-2], max_mip_level)) - 1
+    return TextureMip(tuple(tex.shape), tuple(_mips(tex, count)) if count else ())
 
-        return arrays.texture_construct_mip(tex, max_mip_level, cube_mode)
+
+def _mips(tex: Any, count: int) -> Sequence[Any]:
+    if is_array(tex):
+        return _forward.mips(tex, count)
     from mipbake.sampling import ops
 
-    return ops.texture_construct_mip(tex, max_mip_level, cube_mode)
+    found: Sequence[Any] = ops.mips(tex.detach(), count)
+    return found

@@ -1,12 +1,12 @@
-"""Checks of the arguments of `texture` that its NumPy door, its torch op and its twin share: shapes and names only."""
+"""Checks of the arguments of `texture`, and of its plain twin: kinds, shapes and names."""
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from mipbake.base.arguments import batch_size, check_shape, checked, dtype_of, is_array, whole
 from mipbake.base.errors import UsageError
 
 Shape = tuple[int, ...]
@@ -65,9 +65,9 @@ def check_texture(name: str, shape: Shape, cube: bool, setting: str = "boundary_
     fits = len(shape) == (5 if cube else 4) and (not cube or (shape[1] == 6 and shape[2] == shape[3]))
     if not fits or any(size == 0 for size in shape[1:]):
         hint = "" if fits or cube or len(shape) != 5 else f"; for a cube map set {setting}"
-        raise UsageError(f"{name} has shape {_text(shape)}: expected {form} from 1 on{hint}")
+        raise UsageError(f"{name} has shape {tuple(shape)}: expected {form} from 1 on{hint}")
     if shape[-3] > MAX_SIDE or shape[-2] > MAX_SIDE:
-        raise UsageError(f"{name} has shape {_text(shape)}: expected at most {MAX_SIDE} texels a side")
+        raise UsageError(f"{name} has shape {tuple(shape)}: expected at most {MAX_SIDE} texels a side")
 
 
 def level_sizes(height: int, width: int, max_mip_level: int | None) -> list[tuple[int, int]]:
@@ -81,13 +81,8 @@ def level_sizes(height: int, width: int, max_mip_level: int | None) -> list[tupl
 
 def check_max_mip_level(max_mip_level: int | None) -> None:
     """UsageError unless it is None or a whole number from 0."""
-    if max_mip_level is None:
-        return
-    try:
-        level = -1 if isinstance(max_mip_level, bool) else operator.index(max_mip_level)
-    except TypeError:
-        level = -1
-    if level < 0:
+    level = 0 if max_mip_level is None else whole(max_mip_level)
+    if level is None or level < 0:
         raise UsageError(f"max_mip_level is {max_mip_level!r}: expected None or a whole number from 0")
 
 
@@ -127,31 +122,18 @@ def plan_texture(
             "such as 'linear-mipmap-linear'"
         )
     last = 3 if cube else 2
-    _check_lookups("uv", uv, last)
+    check_shape("uv", uv, [("B", "h", "w", last)])
     if uv_da is not None:
-        _check_lookups("uv_da", uv_da, 2 * last)
-        if uv_da[1:3] != uv[1:3]:
-            raise UsageError(
-                f"uv_da has shape {_text(uv_da)}: expected (B, {uv[1]}, {uv[2]}, {2 * last}), the lookups of uv"
-            )
+        check_shape("uv_da", uv_da, [("B", *uv[1:3], 2 * last)], "the lookups of uv")
     if bias is not None and (len(bias) != 3 or bias[1] not in (1, uv[1]) or bias[2] not in (1, uv[2])):
         raise UsageError(
-            f"mip_level_bias has shape {_text(bias)}: expected (B, {uv[1]}, {uv[2]}), the lookups of uv, "
+            f"mip_level_bias has shape {tuple(bias)}: expected (B, {uv[1]}, {uv[2]}), the lookups of uv, "
             "or 1 on an axis along which it repeats"
         )
     named = {"tex": tex, "uv": uv, "uv_da": uv_da, "mip_level_bias": bias}
-    given = {name: shape[0] for name, shape in named.items() if shape is not None}
-    batch = next((size for size in given.values() if size != 1), 1)
-    if any(size not in (1, batch) for size in given.values()):
-        listed = ", ".join(f"{name} has {size}" for name, size in given.items())
-        raise UsageError(f"batch sizes do not fit: {listed}; expected each to be 1 or the same number")
+    batch = batch_size({name: shape[0] for name, shape in named.items() if shape is not None})
     levels = _level_count(tex, mip, max_mip_level, cube) if filter_name in MIP_FILTERS else 1
     return Plan(filter_name, boundary, levels, (batch, uv[1], uv[2], tex[-1]))
-
-
-def _check_lookups(name: str, shape: Shape, last: int) -> None:
-    if len(shape) != 4 or shape[-1] != last:
-        raise UsageError(f"{name} has shape {_text(shape)}: expected (B, h, w, {last})")
 
 
 def _level_count(tex: Shape, mip: TextureMip | Sequence[Shape] | None, max_mip_level: int | None, cube: bool) -> int:
@@ -160,7 +142,7 @@ def _level_count(tex: Shape, mip: TextureMip | Sequence[Shape] | None, max_mip_l
     if isinstance(mip, TextureMip):
         if tuple(mip.base) != tuple(tex):
             raise UsageError(
-                f"mip was made for a texture of shape {_text(mip.base)}: expected the shape of tex, {_text(tex)}"
+                f"mip was made for a texture of shape {tuple(mip.base)}: expected the shape of tex, {tuple(tex)}"
             )
         given = len(mip.levels)
     else:
@@ -171,11 +153,31 @@ def _level_count(tex: Shape, mip: TextureMip | Sequence[Shape] | None, max_mip_l
             check_texture(f"mip[{index}]", shape, cube)
             if shape[0] != tex[0] or shape[-1] != tex[-1]:
                 raise UsageError(
-                    f"mip[{index}] has shape {_text(shape)} where tex has {_text(tex)}: "
+                    f"mip[{index}] has shape {tuple(shape)} where tex has {tuple(tex)}: "
                     "expected the same minibatch and the same channels"
                 )
     return 1 + (given if max_mip_level is None else min(given, max_mip_level))
 
 
-def _text(shape: Shape) -> str:
-    return str(tuple(shape))
+STORAGE = {True: ("float32", "float64", "float16"), False: ("float32", "float64", "float16", "bfloat16")}
+"""Dtypes of textures: of NumPy arrays, and of tensors."""
+
+
+def check_storage(tex: Any) -> str:
+    """The dtype that lookups in a texture compute in."""
+    checked("tex", tex, None, STORAGE[is_array(tex)])
+    return "float64" if dtype_of(tex) == "float64" else "float32"
+
+
+def checked_mip(mip: Any, tex: Any) -> TextureMip | list[Shape] | None:
+    """The argument `mip` as `plan_texture` takes it: a custom stack by its shapes."""
+    if mip is None:
+        return None
+    if not isinstance(mip, TextureMip) and (isinstance(mip, str) or not isinstance(mip, Sequence)):
+        raise UsageError(
+            f"mip is a {type(mip).__name__}: expected what texture_construct_mip returns, or a list of levels"
+        )
+    levels = mip.levels if isinstance(mip, TextureMip) else mip
+    for index, level in enumerate(levels):
+        checked(f"mip[{index}]", level, ("tex", tex), (dtype_of(tex),))
+    return mip if isinstance(mip, TextureMip) else [tuple(level.shape) for level in levels]

@@ -388,38 +388,3 @@ def _across_edge(row: Tensor, column: Tensor, size: Tensor, face: Tensor) -> tup
     sc, tc, _ = (frames[face] * point[..., None, :]).sum(-1).unbind(-1)
     last = size - 1  # a corner folds to no texel of its own: any that exists will do
     return (torch.minimum((tc + last) // 2, last), torch.minimum((sc + last) // 2, last), face)
-
-
-# --- the reference of anisotropic filtering --------------------------------------------------------------------------
-
-
-def elliptical(
-    tex: Tensor, uv: Tensor, uv_da: Tensor, boundary_mode: str | Sequence[str] = "wrap", samples: int = 64
-) -> Tensor:
-    """The average of level 0 over each footprint: what `filter_mode="anisotropic"` approximates, by dense quadrature.
-
-    The footprint is an ellipse: the image under the Jacobian of a Gaussian around the pixel with the variance of a
-    square pixel, 1/12 (the elliptical weighted average of Heckbert 1989, Fundamentals of Texture Mapping and Image
-    Warping). It is cut at three standard deviations and sampled on a grid; the texture is bilinear in between.
-
-    Args:
-        tex, uv, uv_da, boundary_mode: as for `texture`, without cube maps.
-        samples: points of the grid along each axis of the pixel.
-
-    Returns:
-        (B, h, w, C).
-    """
-    deviation = (1 / 12) ** 0.5
-    grid = (2 * (torch.arange(samples, dtype=torch.float64) + 0.5) / samples - 1) * 3 * deviation
-    weight = torch.exp(-((grid / deviation) ** 2) / 2)
-    weight = weight / weight.sum()
-    jacobian = uv_da.reshape(*uv_da.shape[:-1], 2, 2)
-    total: Tensor | float = 0.0
-    for y, row_weight in zip(grid.tolist(), weight.tolist(), strict=True):
-        for x, column_weight in zip(grid.tolist(), weight.tolist(), strict=True):
-            at = uv + x * jacobian[..., 0] + y * jacobian[..., 1]
-            total = total + row_weight * column_weight * texture(
-                tex, at, filter_mode="linear", boundary_mode=boundary_mode
-            )
-    assert isinstance(total, Tensor)
-    return total

@@ -1,25 +1,31 @@
-"""Shading of material texels under light-view pairs, on NumPy arrays.
+"""Shading of material texels under light-view pairs.
 
-`mipbake.shading.ops.shade` is the differentiable torch counterpart of `shade`, and `mipbake.shading.reference` has the
-plain torch twins that all are tested against. `shade_lit`, for renders, has no gradient and so no torch op.
+`shade` takes NumPy arrays, or torch tensors with gradients and under torch.compile. `shade_lit`, for renders, takes
+arrays alone. `mipbake.shading.reference` has the plain torch twins that both are tested against.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mipbake.base.aligned import contiguous
+from mipbake.base.aligned import dense, strided
+from mipbake.base.arguments import REAL, checked, dtype_of, is_array, reals
 from mipbake.base.errors import UsageError
+from mipbake.base.forward_mode import refuse_tangents
 from mipbake.material import model_named
+from mipbake.shading import _forward
 from mipbake.shading._arguments import LIT_AXES, TurnedAway, batch_shape, is_black, lit_batch, per_texel
 
-__all__ = ["TurnedAway", "models", "shade", "shade_lit"]
+if TYPE_CHECKING:
+    from torch import Tensor
 
-_DTYPES = (np.dtype(np.float32), np.dtype(np.float64))
+    Array = TypeVar("Array", NDArray[Any], Tensor)
+
+__all__ = ["TurnedAway", "models", "shade", "shade_lit"]
 
 
 def models() -> Mapping[str, int]:
@@ -29,9 +35,7 @@ def models() -> Mapping[str, int]:
     return dict(_native.models())
 
 
-def shade(
-    model: str, material: ArrayLike, light: ArrayLike, view: ArrayLike, *, turned_away: TurnedAway = "clamp"
-) -> NDArray[Any]:
+def shade(model: str, material: Array, light: Any, view: Any, *, turned_away: TurnedAway = "clamp") -> Array:
     """Radiance towards `view` of every texel, lit by unit radiance from `light`: f(theta, l, v), the cosine included.
 
     f = (k albedo / pi + D V F) max(n.l, 0), and 0 where n.l <= 0 (in fact up to 1e-9), with the anisotropic GGX
@@ -43,12 +47,14 @@ def shade(
 
     Args:
         model: a name in `mipbake.material.MODELS`.
-        material: (N, C) or (B, N, C) stored channels of the model, float32 or float64, any strides. Normals and
-            anisotropy directions are renormalised and glTF's roughness is raised to 0.045. So that nothing overflows,
-            channels are held to +-1e4, glTF's roughness to 100 and strength to +-1, of ggx's log-roughness tensor the
-            mean of the eigenvalues to [-30, 10] and their distance from it to 20, and g of beckmann to +-1.5.
+        material: (N, C) or (B, N, C) stored channels of the model, float32 or float64 (CUDA: float32), any strides,
+            read without a copy. Normals and anisotropy directions are renormalised and glTF's roughness is raised to
+            0.045. So that nothing overflows, channels are held to +-1e4, glTF's roughness to 100 and strength to +-1,
+            of ggx's log-roughness tensor the mean of the eigenvalues to [-30, 10] and their distance from it to 20, and
+            g of beckmann to +-1.5.
         light: (K, 3) or (B, K, 3) unit vectors in tangent space, from the surface to the light; or (B, K, N, 3) for
             vectors of each texel; an axis of size 1 or stride 0 repeats. Converted to the dtype of the material.
+            Beside arrays lists will do.
         view: the same, from the surface to the viewer.
         turned_away: `clamp`; or `black`, with which f is 0 where n.v <= 0, and n.v is not held.
 
@@ -59,27 +65,46 @@ def shade(
         input. In float32 within 1e-5 of the exact value, relatively, for alpha >= 0.002. The same bits on every
         instruction set and for any number of threads.
 
-    Raises:
-        UsageError: an unknown model or rule, or an argument whose dtype or shape does not fit, by name.
-    """
-    from mipbake import _native
+    The gradient of tensors by the material is exact, and 0 where a texel is unlit, in a roughness below its floor and
+    in a normal or direction shorter than 1e-6. The gradient of an n.v that is held is 0; n.h keeps its own. Nothing is
+    stored for it: the backward pass shades again (Kemppinen et al. 2023, section 3.3). Each texel's sum runs over the
+    pairs in order: the same bits whatever the number of threads. Lights and views get no gradient: one that requires it
+    is an error, and detach() says that none is wanted. There is no second derivative.
 
-    texels, black = _texels(material), is_black(turned_away)
-    to_light, to_view = _like(texels, light=light, view=view)
-    batch, K, N = batch_shape(model_named(model).channels, texels.shape, to_light.shape, to_view.shape)
-    B = 1 if batch is None else batch
-    out = np.empty((B, K, N, 3), texels.dtype)
-    if out.size:
-        of_texels = per_texel(to_light.shape, to_view.shape)
-        lights, views = (_expanded(_readable(a), B, N if of_texels else None) for a in (to_light, to_view))
-        repeated = _repeated(_readable(texels), (B, *texels.shape[-2:]))
-        _native.shade(model, repeated, lights, views, out, black=black)
+    Raises:
+        UsageError: an unknown model or rule, or an argument whose type, dtype, device or shape does not fit, by name.
+    """
+    black = is_black(turned_away)
+    like = ("material", checked("material", material, None, REAL))
+    light, view = (_direction(name, value, like) for name, value in (("light", light), ("view", view)))
+    batch, _, N = batch_shape(model_named(model).channels, tuple(material.shape), tuple(light.shape), tuple(view.shape))
+    B, each = 1 if batch is None else batch, N if per_texel(light.shape, view.shape) else None
+    texels = _forward.repeated(material, (B, N, material.shape[-1]))
+    given: Any = (model, texels, _forward.expanded(light, B, each), _forward.expanded(view, B, each), black)
+    out: Array
+    if is_array(material):
+        out = _forward.shade(*given)
+    else:
+        from mipbake.shading import ops
+
+        out = ops.shade(*given)
     return out[0] if batch is None else out
+
+
+def _direction(name: str, value: Any, like: tuple[str, Any]) -> Any:
+    found = reals(name, value, like, dtype_of(like[1]))
+    if not is_array(found):
+        import torch
+
+        refuse_tangents(**{like[0]: like[1], name: value})
+        if value.requires_grad and torch.is_grad_enabled():
+            raise UsageError(f"{name} requires a gradient, and shade has none for it: pass {name}.detach()")
+    return found
 
 
 def shade_lit(
     model: str,
-    material: ArrayLike,
+    material: NDArray[Any],
     frame: ArrayLike,
     view: ArrayLike,
     light: ArrayLike,
@@ -116,64 +141,22 @@ def shade_lit(
     """
     from mipbake import _native
 
-    texels, black = _texels(material), is_black(turned_away)
-    axes, to_view, to_light, power = _like(texels, frame=frame, view=view, light=light, radiance=radiance)
-    given = (texels, axes, to_view, to_light, power)
+    black = is_black(turned_away)
+    if not is_array(material):
+        raise UsageError(f"material is a {type(material).__name__}: expected a NumPy array")
+    texels = checked("material", material, None, REAL)
+    like = ("material", texels)
+    others = {"frame": frame, "view": view, "light": light, "radiance": radiance}
+    given = (texels, *(reals(name, value, like, dtype_of(texels)) for name, value in others.items()))
     batch = lit_batch(model_named(model).channels, *(array.shape for array in given))
-    if not np.isfinite(power).all():
+    if not np.isfinite(given[-1]).all():
         raise UsageError(f"radiance holds a value that is not finite in {texels.dtype}: expected finite numbers")
     B = 1 if batch is None else batch
     texels, axes, to_view, to_light, power = (
-        _repeated(_readable(array), (B, *array.shape[-axes_of:]))
+        _forward.repeated(strided(array), (B, *array.shape[-axes_of:]))
         for array, axes_of in zip(given, LIT_AXES.values(), strict=True)
     )
     out = np.empty((*texels.shape[:2], 3), texels.dtype)
     if out.size:
-        _native.shade_lit(model, texels, axes, to_view, contiguous(to_light), contiguous(power), out, black)
+        _native.shade_lit(model, texels, axes, to_view, dense(to_light), dense(power), out, black)
     return out[0] if batch is None else out
-
-
-def _texels(material: ArrayLike) -> NDArray[Any]:
-    texels = _reals("material", material)
-    if texels.dtype not in _DTYPES:
-        raise UsageError(f"material is {texels.dtype}: expected float32 or float64")
-    return texels
-
-
-def _like(texels: NDArray[Any], **arguments: ArrayLike) -> tuple[NDArray[Any], ...]:
-    """The arguments in the dtype of the texels."""
-    with np.errstate(over="ignore"):
-        return tuple(_reals(name, a).astype(texels.dtype, copy=False) for name, a in arguments.items())
-
-
-def _expanded(directions: NDArray[Any], B: int, N: int | None) -> NDArray[Any]:
-    """(B, K, N, 3), or (B, K, 3) where N is None, of (K, 3), (B or 1, K, 3) or (B or 1, K, N or 1, 3)."""
-    if N is None:
-        shared = directions[:, :, 0] if directions.ndim == 4 else directions
-        return _repeated(shared, (B, *shared.shape[-2:]))
-    each = directions if directions.ndim == 4 else directions[..., None, :]
-    return _repeated(each, (B, each.shape[-3], N, 3))
-
-
-def _repeated(array: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
-    """The array broadcast to a shape; the array itself where it has it, as most do and NumPy takes its time."""
-    return array if array.shape == shape else np.broadcast_to(array, shape)
-
-
-def _reals(name: str, values: ArrayLike) -> NDArray[Any]:
-    try:
-        array = np.asarray(values)
-    except (ValueError, TypeError, RuntimeError) as error:  # sequences of different lengths, tensors of other devices
-        hint = "; mipbake.shading.ops.shade takes torch tensors" if hasattr(values, "requires_grad") else ""
-        raise UsageError(
-            f"{name} is not an array of numbers ({str(error).partition(chr(10))[0][:120]}){hint}"
-        ) from None
-    if array.dtype.kind not in "fiu":
-        raise UsageError(f"{name} is {array.dtype}: expected real numbers")
-    return array
-
-
-def _readable(array: NDArray[Any]) -> NDArray[Any]:
-    """The array itself, or a copy where its elements do not lie a whole number of elements apart."""
-    whole = all(stride % array.itemsize == 0 for stride in array.strides)
-    return array if whole and array.flags.aligned else contiguous(array)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.base.aligned import contiguous
 from mipbake.material import model_named
+from mipbake.shading import _forward
 from mipbake.shading._arguments import TurnedAway, batch_shape, is_black, per_texel
 
 __all__ = ["shade_adjoint"]
@@ -25,7 +25,7 @@ def shade_adjoint(
 ) -> _Floats:
     """The gradient of the sum of `radiance * shade(model, material, light, view)` by the material.
 
-    The same kernel as the gradient of `mipbake.shading.ops.shade`, with the same limits and the same bits.
+    The same kernel as the gradient of `mipbake.shading.shade` of tensors, with the same limits and the same bits.
 
     Args:
         model: a name in `mipbake.material.MODELS`.
@@ -40,23 +40,15 @@ def shade_adjoint(
     Raises:
         UsageError: an unknown model or rule, or a shape that does not fit, by name.
     """
-    from mipbake import _native
-
     black = is_black(turned_away)
     batch, pairs, texels = batch_shape(model_named(model).channels, material.shape, light.shape, view.shape)
-    size = 1 if batch is None else batch
-    each = (texels,) if per_texel(light.shape, view.shape) else ()
-    out = np.empty((size, texels, material.shape[-1]), np.float32)
-    if out.size == 0 or pairs == 0:
-        return np.zeros_like(out)
-    material, light, view = (np.require(array, requirements="A") for array in (material, light, view))
-    _native.shade_backward(
+    size, each = batch or 1, texels if per_texel(light.shape, view.shape) else None
+    found: _Floats = _forward.shade_backward(
         model,
-        np.broadcast_to(material, out.shape),
-        np.broadcast_to(light, (size, pairs, *each, 3)),
-        np.broadcast_to(view, (size, pairs, *each, 3)),
-        contiguous(radiance).reshape(size, pairs, texels, 3),
-        out,
-        black=black,
+        _forward.repeated(material, (size, texels, material.shape[-1])),
+        _forward.expanded(light, size, each),
+        _forward.expanded(view, size, each),
+        np.reshape(radiance, (size, pairs, texels, 3)),
+        black,
     )
-    return out
+    return found

@@ -36,7 +36,7 @@ class Surface(NamedTuple):
 
 
 def shade(model: str, material: Tensor, light: Tensor, view: Tensor, *, turned_away: TurnedAway = "clamp") -> Tensor:
-    """f(theta, l, v), the cosine included: arguments, shapes and result of `mipbake.shading.ops.shade`."""
+    """f(theta, l, v), the cosine included: arguments, shapes and result of `mipbake.shading.shade`."""
     batch, *_ = batch_shape(model_named(model).channels, material.shape, light.shape, view.shape)
     surface = MODELS[model](material.clamp(-1e4, 1e4).unsqueeze(-3))  # (B, 1, N, .), against pairs of (B, K, 1 or N, 3)
     light, view = (d if d.ndim == 4 else d.unsqueeze(-2) for d in (light, view))

@@ -1,4 +1,4 @@
-"""Stochastic gradients per pixel: what a renderer that only renders tells about its parameters.
+"""Stochastic gradients per pixel: what a renderer that only renders says about its parameters.
 
 After Deliot, Heitz and Belcour 2024, *Transforming a Non-Differentiable Rasterizer into a Differentiable One with
 Stochastic Gradient Estimation*. All parameters are perturbed at once by random signs, and two images are rendered. The
@@ -25,9 +25,10 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from mipbake.base.arguments import REAL, device_of, dtype_of, empty, is_array, whole, writable
 from mipbake.base.errors import UsageError
-from mipbake.stochastic._arrays import REAL, device_of, dtype_of, empty, given, is_array, stream_of, writable
-from mipbake.stochastic.elements import Channels, Contributions, Moments
+from mipbake.base.stream import current_stream
+from mipbake.stochastic.elements import ANY, Channels, Contributions, Moments, given
 from mipbake.stochastic.touching import contributions, touched_texels, touched_vertices
 
 if TYPE_CHECKING:
@@ -84,9 +85,10 @@ def perturb(
     values, magnitude, low, high, lifted = _parameters(values, channels)
     elements = _listed(elements, values)
     if out is None:
-        out = (_copy(values), _copy(values)) if elements is not None else (_new(values), _new(values))
-    plus, minus = (writable(f"out[{i}]", each, (dtype_of(values),), values.shape, values) for i, each in enumerate(out))
-    with stream_of(values, "values") as stream:
+        out = (_copy(values), _copy(values))
+    like = ("values", values), (dtype_of(values),), (tuple(values.shape),)
+    plus, minus = (writable(f"out[{i}]", each, *like) for i, each in enumerate(out))
+    with current_stream(values, "values") as stream:
         _native.stochastic_perturb(
             values, elements, magnitude, low, high, lifted, _key(step), _key(seed), plus, minus, stream
         )
@@ -108,12 +110,12 @@ def pixel_differences(plus: Array, minus: Array, reference: Array, weights: Arra
     """
     from mipbake import _native
 
-    plus = given("plus", plus, REAL, (None, None))
-    dtype, shape = (dtype_of(plus),), tuple(plus.shape)
-    minus, reference = given("minus", minus, dtype, shape, plus), given("reference", reference, dtype, shape, plus)
-    weights = None if weights is None else given("weights", weights, dtype, shape[:1], plus)
-    out: Array = empty(plus, shape[:1], dtype[0])
-    with stream_of(plus, "plus") as stream:
+    plus = given("plus", plus, None, REAL, (("P", "C"),))
+    like, dtype, shape = ("plus", plus), (dtype_of(plus),), tuple(plus.shape)
+    minus, reference = (given(n, v, like, dtype, (shape,)) for n, v in (("minus", minus), ("reference", reference)))
+    weights = None if weights is None else given("weights", weights, like, dtype, (shape[:1],))
+    out: Array = empty(plus, shape[:1])
+    with current_stream(plus, "plus") as stream:
         _native.stochastic_differences(plus, minus, reference, weights, out, stream)
     return out
 
@@ -139,11 +141,12 @@ def add_gradient(
     """
     from mipbake import _native
 
-    gradient = writable("gradient", gradient, REAL, (None, len(channels.magnitude)))
-    differences = given("differences", differences, (dtype_of(gradient),), (None,), gradient)
-    elements = given("made_of.elements", made_of.elements, ("int32",), (None,), gradient)
-    starts = given("made_of.starts", made_of.starts, ("int64",), (elements.shape[0] + 1,), gradient)
-    pixels = given("made_of.pixels", made_of.pixels, ("int32",), (None,), gradient)
+    gradient = writable("gradient", gradient, None, REAL, (("N", len(channels.magnitude)),))
+    like = ("gradient", gradient)
+    differences = given("differences", differences, like, (dtype_of(gradient),), (("P",),))
+    elements = given("made_of.elements", made_of.elements, like, ("int32",), ANY)
+    starts = given("made_of.starts", made_of.starts, like, ("int64",), ((elements.shape[0] + 1,),))
+    pixels = given("made_of.pixels", made_of.pixels, like, ("int32",), ANY)
     if device_of(gradient) == "cpu" and pixels.shape[0]:
         if int(pixels.max()) >= differences.shape[0]:
             raise UsageError(
@@ -155,7 +158,7 @@ def add_gradient(
                 f"gradient has {gradient.shape[0]} elements, and made_of names element {int(elements.max())}: expected "
                 "the same elements"
             )
-    with stream_of(gradient, "gradient") as stream:
+    with current_stream(gradient, "gradient") as stream:
         _native.stochastic_gradient(
             differences, elements, starts, pixels, channels.magnitude, _key(step), _key(seed), gradient, stream
         )
@@ -191,15 +194,14 @@ def descend(
 
     if not 0 <= rate < math.inf:
         raise UsageError(f"rate is {rate}: expected a finite number, 0 or more")
-    shape = (None, len(channels.magnitude))
-    values = writable("values", values, REAL, shape)
-    like = ((dtype_of(values),), tuple(values.shape), values)
+    values = writable("values", values, None, REAL, (("N", len(channels.magnitude)),))
+    like = ("values", values), (dtype_of(values),), (tuple(values.shape),)
     gradient = writable("gradient", gradient, *like)
     first, second = writable("moments.first", moments.first, *like), writable("moments.second", moments.second, *like)
-    steps = writable("moments.steps", moments.steps, ("int32",), (values.shape[0],), values)
+    steps = writable("moments.steps", moments.steps, like[0], ("int32",), ((values.shape[0],),))
     _, magnitude, low, high, lifted = _parameters(values, channels)
     rates = [rate * number for number in magnitude]
-    with stream_of(values, "values") as stream:
+    with current_stream(values, "values") as stream:
         _native.stochastic_adam(
             values, gradient, first, second, steps, _listed(elements, values), rates, low, high, lifted, *betas,
             epsilon, stream,
@@ -207,7 +209,7 @@ def descend(
 
 
 def _parameters(values: Any, channels: Channels) -> tuple[Any, Sequence[float], Sequence[float], Sequence[float], int]:
-    values = given("values", values, REAL, (None, len(channels.magnitude)))
+    values = given("values", values, None, REAL, (("N", len(channels.magnitude)),))
     if values.shape[0] * values.shape[1] > MOST_PARAMETERS:
         raise UsageError(f"values has {values.shape[0]} elements: expected at most 2^32 parameters in all")
     lifted = -1 if channels.lifted is None else channels.lifted
@@ -217,7 +219,7 @@ def _parameters(values: Any, channels: Channels) -> tuple[Any, Sequence[float], 
 def _listed(elements: Any, values: Any) -> Any:
     if elements is None:
         return None
-    elements = given("elements", elements, ("int32",), (None,), values)
+    elements = given("elements", elements, ("values", values), ("int32",), ANY)
     if device_of(elements) == "cpu" and elements.shape[0]:
         least, most = int(elements.min()), int(elements.max())
         if least < 0 or most >= values.shape[0]:
@@ -225,15 +227,12 @@ def _listed(elements: Any, values: Any) -> Any:
     return elements
 
 
-def _new(values: Any) -> Any:
-    return empty(values, values.shape, dtype_of(values))
-
-
 def _copy(values: Any) -> Any:
     return values.copy() if is_array(values) else values.clone()
 
 
 def _key(number: int) -> int:
-    if not 0 <= number < 2**32:
+    found = whole(number)
+    if found is None or not 0 <= found < 2**32:
         raise UsageError(f"a step or a seed is {number}: expected 0 to 2^32 - 1")
-    return number
+    return found

@@ -1,4 +1,4 @@
-"""What functions of stochastic gradients share: channels, contributions of pixels, and moments."""
+"""What functions of stochastic gradients share: arguments, channels, contributions of pixels, and moments."""
 
 from __future__ import annotations
 
@@ -6,10 +6,29 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from mipbake.base.aligned import dense
+from mipbake.base.arguments import REAL, checked, device_of, empty
 from mipbake.base.errors import UsageError
-from mipbake.stochastic._arrays import REAL, dtype_of, given, zeros
 
 MOST_CHANNELS = 64
+
+ANY = (("any",),)
+"""The shape of a list of numbers."""
+
+
+def given(name: str, value: Any, *fits: Any) -> Any:
+    """A value that is `checked`, as native code reads it."""
+    checked(name, value, *fits)
+    if device_of(value) == "meta":
+        raise UsageError(f"{name} is on meta: expected the CPU or CUDA")
+    return dense(value)
+
+
+def zeros(like: Any, shape: tuple[int, ...], dtype: str | None = None) -> Any:
+    """An array of zeros of the kind and on the device of another."""
+    made = empty(like, shape, dtype)
+    made[...] = 0
+    return made
 
 
 @dataclass(frozen=True)
@@ -85,10 +104,5 @@ class Moments:
     @classmethod
     def of(cls, values: Any) -> Moments:
         """Moments of elements that have never been updated."""
-        given("values", values, REAL, (None, None))
-        shape = tuple(values.shape)
-        return cls(
-            zeros(values, shape, dtype_of(values)),
-            zeros(values, shape, dtype_of(values)),
-            zeros(values, shape[:1], "int32"),
-        )
+        shape = tuple(given("values", values, None, REAL, (("N", "C"),)).shape)
+        return cls(zeros(values, shape), zeros(values, shape), zeros(values, shape[:1], "int32"))

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from mipbake.base.arguments import device_of, empty, is_array
 from mipbake.base.errors import UsageError
-from mipbake.stochastic._arrays import device_of, empty, given, is_array, stream_of, zeros
-from mipbake.stochastic.elements import Contributions
+from mipbake.base.stream import current_stream
+from mipbake.stochastic.elements import Contributions, given, zeros
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -64,11 +65,11 @@ def touched_texels(
         raise UsageError("lod and uv_da are both given, or both missing: expected one of the two")
     if texels == "anisotropic" and uv_da is None:
         raise UsageError("uv_da is missing: expected it for anisotropic lookups, whose footprint is long")
-    uv = given("uv", uv, ("float32",), (None, 2))
-    count = uv.shape[0]
-    lod = None if lod is None else given("lod", lod, ("float32",), (count,), uv)
-    uv_da = None if uv_da is None else given("uv_da", uv_da, ("float32",), (count, 4), uv)
-    seen = None if seen is None else given("seen", seen, ("uint8",), (count,), uv)
+    uv = given("uv", uv, None, ("float32",), (("P", 2),))
+    like, count = ("uv", uv), uv.shape[0]
+    lod = None if lod is None else given("lod", lod, like, ("float32",), ((count,),))
+    uv_da = None if uv_da is None else given("uv_da", uv_da, like, ("float32",), ((count, 4),))
+    seen = None if seen is None else given("seen", seen, like, ("uint8",), ((count,),))
     out: Array = empty(uv, (count, TEXELS[texels]), "int32")
     levels = [(int(height), int(width)) for height, width in sizes]
     if not 1 <= len(levels) <= MOST_LEVELS or sum(height * width for height, width in levels) >= 2**31:
@@ -77,7 +78,7 @@ def touched_texels(
         )
     if min(map(min, levels)) < 1:
         raise UsageError(f"sizes holds {min(levels, key=min)}: expected heights and widths of 1 or more")
-    with stream_of(uv, "uv") as stream:
+    with current_stream(uv, "uv") as stream:
         _native.stochastic_touched(levels, uv, lod, uv_da, seen, texels, *boundary, out, stream)
     return out
 
@@ -96,8 +97,8 @@ def touched_vertices(ids: Array, triangles: Array) -> Array:
     Raises:
         UsageError: the dtype or shape of an argument does not fit, or a triangle does not exist.
     """
-    corners = given("triangles", triangles, ("int32",), (None, 3))
-    shown = given("ids", ids, ("int32", "int64", "float32", "float64"), (None, None), corners)
+    corners = given("triangles", triangles, None, ("int32",), (("T", 3),))
+    shown = given("ids", ids, ("triangles", corners), ("int32", "int64", "float32", "float64"), (("P", "K"),))
     if not bool((shown % 1 == 0).all()):
         raise UsageError("ids holds numbers that are not whole: expected 0 for none, and t + 1 for triangle t")
     numbers = shown.astype("int64") if is_array(shown) else shown.long()
@@ -122,7 +123,7 @@ def contributions(touched: Array) -> Contributions:
     """
     from mipbake import _native
 
-    named = given("touched", touched, ("int32",), (None, None))
+    named = given("touched", touched, None, ("int32",), (("P", "K"),))
     if device_of(named) == "cpu":
         import numpy as np
 

@@ -94,7 +94,8 @@ class PixelPairs(Illumination):
 
     def shaded(self, model: str, texels: Image, span: Span) -> Image:
         # Samples are the batch: the pairs of a pixel repeat for each of them.
-        return shade(model, texels[0], self.light[None, :, span.pixels], self.view[None, :, span.pixels])[None, None]
+        shaded: Image = shade(model, texels[0], self.light[None, :, span.pixels], self.view[None, :, span.pixels])
+        return shaded[None, None]
 
 
 @dataclass(frozen=True, eq=False)
