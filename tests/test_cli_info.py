@@ -11,7 +11,7 @@ import pytest
 from mipbake.cli.main import main
 from mipbake.stack.file_info import file_info
 from mipbake.stack.gltf.glb import Encoded
-from mipbake.stack.gltf.quad import QuadOptions, standalone
+from mipbake.stack.gltf.quad import standalone
 
 from .command_line import bake, fails, run, write_set
 from .gltf_files import GltfFile, ktx2, png
@@ -28,7 +28,7 @@ MAPS = {"baseColorTexture": ktx2(1, True, 16, 8), "normalTexture": ktx2(2)}
 
 
 def glb() -> bytes:
-    return standalone("sample", MAPS, QuadOptions(), {"method": "linear", "version": "0", "wrap": ["wrap", "clamp"]})
+    return standalone("sample", MAPS, {"method": "linear", "version": "0", "wrap": ["wrap", "clamp"]})
 
 
 def shown(capsys, *arguments) -> str:

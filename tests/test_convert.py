@@ -12,15 +12,14 @@ import pytest
 
 import mipbake
 from mipbake import material
-from mipbake.baking.convert import TARGETS, check_material_output
+from mipbake.baking.convert import TARGETS, Conversion, check_material_output
 from mipbake.base.errors import InputError, OutputError, UsageError
 from mipbake.cli.main import main
 from mipbake.source.options import LoadOptions
-from mipbake.stack.containers import IMAGE_FORMATS
 
 from .command_line import bumps, fails, tree, write_set
 
-HOLDS = [(model, fmt) for model in TARGETS for fmt in IMAGE_FORMATS if model.startswith("gltf") or fmt == "exr"]
+HOLDS = [(model, "exr") for model in TARGETS] + [("gltf", "png"), ("gltf-anisotropic", "png")]
 PRECISION = {"exr": 6e-4, "png": 0.5 / 255 + 1e-6}
 
 
@@ -48,6 +47,10 @@ def test_files_hold_level_0_as_it_was(folder: Path, tmp_path: Path, model: str, 
     assert (np.abs(back.stored - expected) <= colour * 2 * PRECISION[fmt] * high).all()
     assert back.extra["occlusion"].shape == (4, 4, 1)
     assert back.extra["occlusion"] == pytest.approx(200 / 255, abs=PRECISION[fmt])
+    if model.startswith("gltf"):  # it is a texture set again
+        again = mipbake.load(tmp_path / "out" / "metal")
+        assert again.source_model == model
+        assert again.material(model) == pytest.approx(expected, abs=6 * PRECISION[fmt])
 
 
 def test_weights_fit_level_0_under_the_pixel_filter(folder: Path, tmp_path: Path) -> None:
@@ -67,24 +70,7 @@ def test_weights_fit_level_0_under_the_pixel_filter(folder: Path, tmp_path: Path
     assert (plain.rule, plain.weights, plain.source_model) == ("analytic", None, "beckmann")
 
 
-def test_weights_that_do_not_fit_are_an_error(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = ["--to", "beckmann", "-o", str(tmp_path / "out")]
-    assert "unknown weights" in fails(capsys, 2, "convert", "nowhere", *out, "--weights", "nothing")
-    assert main(["convert", str(folder), *out, "--weights", "mipbake-3"]) == 2
-    assert "are for material model gltf" in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.parametrize(("model", "fmt"), [case for case in HOLDS if case[0].startswith("gltf")])
-def test_what_is_converted_to_gltf_is_a_texture_set_again(folder: Path, tmp_path: Path, model: str, fmt: str) -> None:
-    texture_set = mipbake.load(folder)
-    mipbake.convert(texture_set, model).save(tmp_path / "out", fmt)
-    again = mipbake.load(tmp_path / "out")
-    assert again.source_model == model
-    assert again.material(model) == pytest.approx(texture_set.material(model), abs=6 * PRECISION[fmt])
-
-
-@pytest.mark.parametrize("way", [("ggx",), ("beckmann",), ("ggx", "beckmann"), ("gltf-anisotropic", "beckmann", "ggx")])
+@pytest.mark.parametrize("way", [("ggx",), ("gltf-anisotropic", "beckmann", "ggx")])
 def test_ways_through_other_models_lead_back(folder: Path, way: tuple[str, ...]) -> None:
     texture_set = mipbake.load(folder)
     made: Any = texture_set
@@ -95,29 +81,19 @@ def test_ways_through_other_models_lead_back(folder: Path, way: tuple[str, ...])
     assert made.provenance.sources == mipbake.convert(texture_set, "gltf").provenance.sources
 
 
-def test_what_a_model_cannot_hold_is_brought_into_its_range() -> None:
+def test_a_material_is_brought_into_the_range_of_its_model() -> None:
+    def made_up(model: str, stored: np.ndarray) -> mipbake.Material:
+        return mipbake.Material("m", model, stored, {}, ("wrap", "wrap"), Conversion("gltf"))
+
     rough = np.zeros((1, 1, 12), np.float32)
     rough[..., 8:10], rough[..., 11] = 3, 1.5  # alpha of 4.5
     made = mipbake.convert(made_up("beckmann", rough), "gltf")
     assert made.stored[0, 0, 4] == 1
     assert np.isfinite(made.stored).all()
-
-
-def made_up(model: str, stored: np.ndarray) -> mipbake.Material:
-    from mipbake.baking.convert import Conversion
-
-    return mipbake.Material("m", model, stored, {}, ("wrap", "wrap"), Conversion("gltf"))
-
-
-def test_a_material_is_what_its_model_says() -> None:
-    with pytest.raises(UsageError, match="unknown material model 'phong'"):
-        made_up("phong", np.zeros((2, 2, 8), np.float32))
     with pytest.raises(UsageError, match=r"float32 \(H, W, 12\)"):
-        made_up("beckmann", np.zeros((2, 2, 11), np.float32))
-    with pytest.raises(UsageError, match="not finite"):
-        made_up("gltf", np.full((2, 2, 8), np.nan, np.float32))
+        made_up("beckmann", rough[..., :11])
     with pytest.raises(UsageError, match=r"unknown material model 'phong'.*beckmann"):
-        mipbake.convert(made_up("gltf", np.zeros((2, 2, 8), np.float32)), "phong")
+        mipbake.convert(made, "phong")
 
 
 def test_nothing_else_is_replaced(folder: Path, tmp_path: Path) -> None:
@@ -152,8 +128,6 @@ def test_broken_materials_are_said_to_be(folder: Path, tmp_path: Path) -> None:
         ({"maps": {}}, "does not describe a material"),
         ({"maps": {"../x": {}}}, "not the name of a file"),
         ({"name": "../x"}, "not the name of a material"),
-        ({"name": "/x"}, "not the name of a material"),
-        ({"name": ".."}, "not the name of a material"),
         ({"wrap": {"u": "wrap", "v": "mirror"}}, "expected wrap or clamp"),
         ({"format": "png"}, "cannot hold the map log_roughness"),
     ):
@@ -201,9 +175,7 @@ def test_one_bad_set_does_not_stop_the_others(tmp_path: Path, capsys: Any) -> No
 @pytest.mark.parametrize(
     ("arguments", "part"),
     [
-        (["x", "-o", "y"], "--to"),
         (["x", "-o", "y", "--to", "phong"], f"expected one of {', '.join(material.MODELS)}"),
-        (["x", "-o", "y", "--to", "ggx", "--format", "dds"], "expected one of exr, png"),
         (["x", "-o", "y", "--to", "beckmann", "--format", "png"], "cannot hold the map log_roughness"),
     ],
 )

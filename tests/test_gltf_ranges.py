@@ -9,19 +9,18 @@ import numpy as np
 import pytest
 
 import mipbake
-from mipbake.source.gltf.document import read_document
+from mipbake.cli.main import main
 from mipbake.source.images import ktx2 as ktx2_file
 from mipbake.source.texture_set import TextureSet
-from mipbake.stack.compression import chosen, cost
-from mipbake.stack.costs import LIMIT
-from mipbake.stack.gltf.glb import encoded, output, square
+from mipbake.stack.compression import cost
+from mipbake.stack.gltf.glb import encoded, output
 from mipbake.stack.gltf.ranges import LEAST_SCALE, Ranges, roughness_factor, scale_within, usual_ranges
 from mipbake.stack.gltf.write import GltfResult, rewritten
 from mipbake.stack.map_files import MapFile
-from mipbake.stack.output import GLB_TEXELS
 from mipbake.stack.ranges import chosen_ranges
 from mipbake.stack.stack import MipStack
 
+from .command_line import bumps, fails, write_set
 from .gltf_files import GltfFile, check_structure, image_of, ktx2, png
 from .gltf_results import opened
 from .input_files import height_field
@@ -81,7 +80,7 @@ def test_the_roughest_texel_of_any_level_is_stored_as_1() -> None:
 
 def test_what_is_decoded_is_near_what_was_baked() -> None:
     """Slopes of 1/100: eight bits as they are hold two codes of them."""
-    texture_set, stack = mirror()
+    texture_set, stack = mirror(32)
     usual = usual_ranges(stack.levels, "gltf")
     made = {each: encoded(stack, ranges=each) for each in (Ranges(), usual)}
     plain, stretched = (cost(texture_set, stack, output(), m.files, ranges=m.ranges) for m in made.values())
@@ -131,30 +130,42 @@ def test_materials_that_had_no_normal_texture_get_one_with_its_scale(tmp_path: P
     assert material["pbrMetallicRoughness"]["roughnessFactor"] == 0.5
 
 
-def test_a_square_is_read_back_as_it_was_baked(tmp_path: Path) -> None:
-    _, stack = mirror()
-    made = encoded(stack)
-    path = tmp_path / "mirror.glb"
-    path.write_bytes(square(stack, made, None))
-    material = read_document(path).json["materials"][0]
-    assert material["normalTexture"]["scale"] == made.ranges.normal < 0.1
-    assert material["pbrMetallicRoughness"]["roughnessFactor"] == made.ranges.roughness
-    assert json.loads(json.dumps(material)) == material
+def test_sides_that_ktx2_textures_do_not_have_are_refused() -> None:
+    stack = mipbake.bake(TextureSet.from_arrays("odd", normal=height_field(8, 6), roughness=0.5), "linear")
+    with pytest.raises(mipbake.UsageError, match="of odd is 6 x 8 texels: KHR_texture_basisu takes multiples of 4"):
+        encoded(stack)
 
 
 @pytest.mark.long
-def test_textures_that_blocks_cost_too_much_have_eight_bits_where_they_may(tmp_path: Path) -> None:
-    texture_set, stack = mirror()
-    ranges = chosen_ranges(texture_set, stack, texels=GLB_TEXELS[-1])
-    chosen_output = chosen(texture_set, stack, output(GLB_TEXELS[1:]), ranges=ranges)
-    assert chosen_output.texels["normal"] == "rgba8"
-    assert "base_color" not in chosen_output.texels
-    made = encoded(stack, ranges=ranges, texels=chosen_output.texels)
-    found = cost(texture_set, stack, output(), made.files, ranges=ranges)
-    assert found.worst <= LIMIT
-    assert found.texels["normal"] == "R8G8B8A8_UNORM"
-    assert chosen(texture_set, stack, output(), ranges=ranges).texels == {}
-    document, binary = check_structure(square(stack, made, None))
-    data = image_of(document, binary, document["materials"][0]["normalTexture"]["index"])
-    assert ktx2_file.decoded(data, "it").format.name == "R8G8B8A8_UNORM"
-    assert len(ktx2_file.decoded(data, "it").levels) == len(stack.levels)
+@pytest.mark.parametrize(("asked", "texels"), [("glb", "UASTC_RGB_UNORM_BLOCK"), ("glb:rgba8", "R8G8B8A8_UNORM")])
+def test_a_mirror_in_a_glb(tmp_path: Path, capsys: pytest.CaptureFixture[str], asked: str, texels: str) -> None:
+    maps = {**bumps(64, 64), "roughness": np.full((64, 64), 90, np.uint8)}
+    options = f"--format {asked} --method linear --json".split()
+    assert main(["bake", str(write_set(tmp_path / "mirror", **maps)), "-o", str(tmp_path / "out"), *options]) == 0
+    (result,) = json.loads(capsys.readouterr().out)["results"]
+    (cost,) = result["costs"]
+    assert cost["format"] == asked
+    assert cost["texels"]["normal"] == texels
+    assert (max(cost["loss"].values()) <= 0.3) == (asked != "glb")
+    assert ("--format glb:rgba8" in str(result["warnings"])) == (asked == "glb")
+    document, binary = check_structure((tmp_path / "out" / "mirror" / "mirror.glb").read_bytes())
+    material = document["materials"][0]
+    assert 0 < material["normalTexture"].get("scale", 1) <= 1
+    assert material["pbrMetallicRoughness"]["roughnessFactor"] == pytest.approx(90 / 255, abs=1e-5)
+    made = ktx2_file.decoded(image_of(document, binary, material["normalTexture"]["index"]), "it")
+    assert (made.format.name, len(made.levels)) == (texels, 7)
+
+
+@pytest.mark.parametrize(
+    ("asked", "said"),
+    [
+        ("glb:rgba16f", "unknown texels of format glb: 'rgba16f': expected one of uastc, rgba8"),
+        ("glb,glb:rgba8", "format glb is asked for twice"),
+    ],
+)
+def test_texels_that_a_glb_does_not_have(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], asked: str, said: str
+) -> None:
+    folder = write_set(tmp_path / "mirror")
+    assert said in fails(capsys, 2, "bake", folder, "-o", tmp_path / "out", "--format", asked)
+    assert not (tmp_path / "out").exists()

@@ -6,12 +6,15 @@ import copy
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from mipbake.base.errors import InputError, UsageError
+from mipbake.base.errors import InputError
+from mipbake.comparing.meshes.mesh_file import read_mesh
 from mipbake.source.gltf.document import read_document
 from mipbake.source.gltf.materials import read_materials
-from mipbake.stack.gltf.write import GltfResult, rewritten
+from mipbake.stack.gltf.quad import standalone
+from mipbake.stack.gltf.write import rewritten
 
 from .gltf_files import (
     BASE,
@@ -43,8 +46,7 @@ from .gltf_results import PROVENANCE, baked, infos, opened, results_of, two_text
 KINDS = ("glb", "external", "embedded")
 
 
-@pytest.mark.parametrize("anisotropic", [False, True])
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(("kind", "anisotropic"), [("glb", True), ("external", False), ("embedded", True)])
 def test_baked_maps_are_shown_and_everything_else_stays(kind: str, anisotropic: bool, tmp_path: Path) -> None:
     made = many_materials()
     document, bakes = opened(made, tmp_path, kind)
@@ -88,6 +90,9 @@ def test_factors_that_are_in_the_maps_become_1(tmp_path: Path) -> None:
     made = many_materials()
     written, _, _ = baked(made, tmp_path)
     old, new = made.json["materials"], written["materials"]
+    assert list(new[BRUSHED]["extensions"]) == ["KHR_materials_clearcoat"]
+    assert "extensions" not in new[COMBED]
+    assert "KHR_materials_anisotropy" not in written["extensionsUsed"]
     assert new[LEATHER]["pbrMetallicRoughness"]["roughnessFactor"] == 1
     assert "metallicFactor" not in new[LEATHER]["pbrMetallicRoughness"]
     assert new[SHIFTED]["pbrMetallicRoughness"]["metallicFactor"] == 1
@@ -122,13 +127,6 @@ def test_texture_coordinates_and_transforms_stay_and_go_to_new_slots(tmp_path: P
     assert written["materials"][BRUSHED]["extensions"]["KHR_materials_clearcoat"] == {"clearcoatFactor": 1}
     assert "KHR_materials_anisotropy" in written["extensionsUsed"]
     assert "KHR_materials_anisotropy" not in written["extensionsRequired"]
-
-
-def test_an_isotropic_result_takes_the_anisotropy_away_that_it_holds(tmp_path: Path) -> None:
-    written, _, _ = baked(many_materials(), tmp_path)
-    assert list(written["materials"][BRUSHED]["extensions"]) == ["KHR_materials_clearcoat"]
-    assert "extensions" not in written["materials"][COMBED]
-    assert "KHR_materials_anisotropy" not in written["extensionsUsed"]
 
 
 def test_indices_are_stable_and_unused_images_lose_their_bytes(tmp_path: Path) -> None:
@@ -222,33 +220,6 @@ def test_a_document_whose_images_alone_are_files(tmp_path: Path) -> None:
         rewritten(read, results, {})
 
 
-def test_maps_that_do_not_fit_are_refused(tmp_path: Path) -> None:
-    document, bakes = opened(many_materials(), tmp_path)
-    two_sets = next(bake for bake in bakes if bake.materials == (TWO_SETS,))
-    wrong = {
-        r"Two_sets has no slot 'baseColorTexture' to fill": (two_sets, {"baseColorTexture": ktx2(1, True)}),
-        r"map normalTexture of Two_sets is not a KTX 2 file": (two_sets, {"normalTexture": png("a")}),
-        r"is 6 x 8 texels: KHR_texture_basisu takes multiples of 4": (two_sets, {"normalTexture": ktx2(1, width=6)}),
-        r"has the Vulkan format 97: expected UASTC, which has 0, or RGBA of 8 bits, which has 37 or 43": (
-            two_sets,
-            {"normalTexture": ktx2(1)[:12] + b"\x61\0\0\0" + ktx2(1)[16:]},
-        ),
-    }
-    model = r"has the colour model, primaries and transfer function \(166, 1, 2\): expected UASTC, linear"
-    wrong[model] = (two_sets, {"normalTexture": ktx2(1, True)})
-    eight_bits = ktx2(1)[:12] + b"\x25\0\0\0" + ktx2(1)[16:]
-    wrong[r"\(166, 0, 1\): expected RGBA, linear, primaries: BT.709"] = (
-        two_sets,
-        {"normalTexture": eight_bits},
-    )
-    wrong[r"\(166, 0, 1\): expected UASTC, sRGB"] = (bakes[0], {"baseColorTexture": ktx2(1)})
-    for message, (bake, maps) in wrong.items():
-        with pytest.raises(UsageError, match=message):
-            rewritten(document, [GltfResult(bake, maps)], {})
-    with pytest.raises(UsageError, match="material 4 is in the bakes Two_sets and Two_sets: expected one"):
-        rewritten(document, [GltfResult(two_sets, {})] * 2, {})
-
-
 def test_an_occlusion_of_its_own_stays_beside_one_that_follows(tmp_path: Path) -> None:
     """Two materials of one bake: one has its occlusion in the packed image, the other in an image of its own."""
     made = two_textures(png("normal"), png("mr"))
@@ -260,3 +231,37 @@ def test_an_occlusion_of_its_own_stays_beside_one_that_follows(tmp_path: Path) -
     assert [result.bake.materials for result in results] == [(0, 1)]
     shown = [image_of(written, binary, material["occlusionTexture"]["index"]) for material in written["materials"]]
     assert shown == [results[0].maps["metallicRoughnessTexture"], png("ao")]
+
+
+SLOTS = "baseColorTexture", "metallicRoughnessTexture", "normalTexture", "anisotropyTexture", "emissiveTexture"
+MAPS = {slot: ktx2(i, slot in ("baseColorTexture", "emissiveTexture")) for i, slot in enumerate(SLOTS)}
+
+
+def test_every_map_is_shown_in_its_slot(tmp_path: Path) -> None:
+    data = standalone("brick", MAPS, {"method": "auto"}, ("clamp", "wrap"), True, {"alphaMode": "BLEND"})
+    document, binary = check_structure(data)
+    material = document["materials"][0]
+    slots = {**material, **material["pbrMetallicRoughness"], **material["extensions"]["KHR_materials_anisotropy"]}
+    for slot, data_ in MAPS.items():
+        assert image_of(document, binary, slots[slot]["index"]) == data_
+    assert material["occlusionTexture"] == slots["metallicRoughnessTexture"]
+    assert (slots["anisotropyStrength"], slots["metallicFactor"], slots["roughnessFactor"]) == (1, 1, 1)
+    assert material["alphaMode"] == "BLEND"
+    assert document["samplers"] == [{"magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 10497}]
+    assert document["asset"]["extras"]["mipbake"] == {"method": "auto"}
+    assert document["extensionsRequired"] == ["KHR_texture_basisu"]
+    path = tmp_path / "a.glb"
+    path.write_bytes(data)
+    assert read_document(path).json == document
+
+
+def test_the_square_lies_as_images_do(tmp_path: Path) -> None:
+    path = tmp_path / "a.glb"
+    path.write_bytes(standalone("a", {}, {}))
+    mesh = read_mesh(path)
+    assert mesh.positions[:, :2] == pytest.approx(np.stack([mesh.uv[:, 0] - 0.5, 0.5 - mesh.uv[:, 1]], -1))
+    assert np.array_equal(mesh.tangents, np.tile([1, 0, 0, 1], (len(mesh.tangents), 1)))
+    a, b, c = mesh.positions[mesh.triangles].swapaxes(0, 1)
+    faces = np.cross(b - a, c - a)
+    assert faces == pytest.approx(np.tile([0, 0, 1.0], (2, 1)))
+    assert np.array_equal(mesh.normals, np.tile([0, 0, 1], (4, 1)))

@@ -22,7 +22,7 @@ from .gltf_files import GltfFile, many_materials, png
 from .gltf_results import two_textures
 from .test_presets import run
 
-NAMES = "Leather", "Fence", "Two sets", "Shifted", "Brushed", "Glossy"
+NAMES = "Two sets", "Brushed"
 """Materials of the document that is baked."""
 
 pytestmark = pytest.mark.usefixtures("quick_validation")
@@ -50,29 +50,37 @@ def many(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.long
 def test_textures_are_read_as_they_were_baked(many: Path) -> None:
-    """Every channel of every level of every material equals the stack's, to within what UASTC loses of noise."""
+    """Every channel of the coarse levels of every material equals the stack's, to within what UASTC loses of noise."""
     found = held_by(many / "many.glb", many / "out" / "many.glb", many / "scratch")
-    assert set(found) == {name.replace(" ", "_") for name in NAMES}
+    assert set(found) == {"Two_sets", "Brushed"}
     for name, (texture_set, held) in found.items():
         baked = mipbake.bake(texture_set, "lean")
         assert (held.model, held.size, len(held.levels)) == (baked.model, baked.size, len(baked.levels))
         assert (held.provenance.method, held.provenance.source_hash) == ("lean", baked.provenance.source_hash)
-        coarse = [level for level in range(len(baked.levels)) if max(baked.levels[level].shape[:2]) <= 4]
-        for level in coarse:
-            difference = np.abs(held.levels[level] - baked.levels[level])[..., :8].mean((0, 1))
-            assert (difference < 0.2).all(), (name, level, difference)
+        for level, wanted in list(zip(held.levels, baked.levels, strict=True))[-3:]:
+            difference = np.abs(level - wanted)[..., :8].mean((0, 1))
+            assert (difference < 0.2).all(), (name, level.shape, difference)
 
 
-def test_every_material_is_measured(many: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_material_is_measured_and_other_files_are_refused(
+    many: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source, glb = many / "many.glb", many / "out" / "many.glb"
     capsys.readouterr()
-    assert main(["validate", str(many / "many.glb"), str(many / "out" / "many.glb"), "--json"]) == 0
+    assert main(["validate", str(source), str(glb), "--json"]) == 0
     measured = json.loads(capsys.readouterr().out)["results"]
-    assert {each["name"] for each in measured} == {name.replace(" ", "_") for name in NAMES}
+    assert [(each["name"], each["method"]) for each in measured] == [("Two_sets", "lean"), ("Brushed", "lean")]
     for each in measured:
-        assert (each["method"] == "lean" and each["notes"] == []) or "source hashes" not in str(each["notes"])
+        assert "source hashes" not in str(each["notes"])
         assert {row["method"] for row in each["rows"]} >= {"baked", "linear (box)"}
+    other = GltfFile()
+    other.texture(other.image(png("normal a"), "n"))
+    other.material("Other", normalTexture={"index": 0})
+    bare = other.write(tmp_path / "other")
+    assert "was not made by mipbake" in fails(capsys, 3, "validate", bare, bare)
+    assert "holds nothing that was baked for Other" in fails(capsys, 3, "validate", bare, glb)
+    assert "was baked from a glTF file" in fails(capsys, 3, "validate", write_set(tmp_path / "wood"), glb)
 
 
 @pytest.mark.long
@@ -97,18 +105,3 @@ def test_the_square_of_a_folder_is_read(tmp_path: Path) -> None:
     ((_, held),) = held_by(folder, tmp_path / "out" / "wood" / "wood.glb", tmp_path / "scratch").values()
     baked = mipbake.bake(mipbake.load(folder), "linear")
     assert np.abs(held.levels[-1] - baked.levels[-1]).max() < 0.05
-    code, said = run("validate", folder, tmp_path / "out" / "wood" / "wood.glb", "--json")
-    assert code == 0 and len(json.loads(said)["results"]) == 1
-
-
-def test_other_files_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    source = two_textures(png("normal a"), png("mr")).write(tmp_path / "bolt")
-    assert "was not made by mipbake" in fails(capsys, 3, "validate", source, source)
-    assert run("bake", source, "-o", tmp_path / "out", "--method", "linear")[0] == 0
-    other = GltfFile()
-    other.texture(other.image(png("normal a"), "n"))
-    other.material("Other", normalTexture={"index": 0})
-    glb = tmp_path / "out" / "bolt.glb"
-    said = fails(capsys, 3, "validate", other.write(tmp_path / "other"), glb)
-    assert "holds nothing that was baked for Other" in said
-    assert "was baked from a glTF file" in fails(capsys, 3, "validate", write_set(tmp_path / "wood"), glb)

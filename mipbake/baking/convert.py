@@ -112,12 +112,6 @@ class Material:
         beside = f", {', '.join(self.extra)} beside" if self.extra else ""
         return f"Material({self.name!r}, {self.model}, {width} x {height}{beside})"
 
-    def files(self, container: Container) -> list[MapFile]:
-        """Every map as a file of one level."""
-        maps = [(layout, self.stored[..., layout.channels]) for layout in LAYOUTS[self.model]]
-        maps += [(extra_layout(role, image.shape[-1]), image) for role, image in self.extra.items()]
-        return [MapFile(container, layout.alone, [image]) for layout, image in maps]
-
     def save(
         self,
         path: str | Path,
@@ -132,7 +126,7 @@ class Material:
         Args:
             path: the folder; its last part need not be the material's name.
             format: a name in `mipbake.stack.containers.IMAGE_FORMATS`. Values are rounded to what it stores.
-            progress: told the finished share, from 0 to 1.
+            progress: gets the finished share, from 0 to 1.
 
         Returns:
             The files, material.json first.
@@ -143,7 +137,9 @@ class Material:
         """
         place, container = Path(path), image_container(self.model, format)
         check_material_output(place, self.provenance.sources)
-        maps = self.files(container)
+        images = [(layout, self.stored[..., layout.channels]) for layout in LAYOUTS[self.model]]
+        images += [(extra_layout(role, image.shape[-1]), image) for role, image in self.extra.items()]
+        maps = [MapFile(container, layout.alone, [image]) for layout, image in images]
         write = write_files(maps, self.wrap, json.dumps({"model": self.model, "rule": self.provenance.rule}), progress)
         files = save_maps(place, MATERIAL_MANIFEST, self._manifest(maps), write, is_material_folder)
         progress(1.0)
@@ -194,45 +190,33 @@ def convert(
             raise UsageError(
                 f"weights can convert texture sets only, and {source.name} is a material that was converted"
             )
-        given = source.provenance
+        given, extra, stored = source.provenance, source.extra, source.stored
         made = Conversion(source.model, ANALYTIC, __version__, given.sources, given.source_hash, given.warnings)
-        return _converted(source.name, source.stored, target, source.extra, source.wrap, made)
-    extra = {role: texture.pixels for role, texture in source.plain_maps.items()}
-    sources = {t.source.path.name: t.source.sha256 for t in source.maps.values() if t.source.path is not None}
-    model = source.source_model
-    made = Conversion(model, ANALYTIC, __version__, sources, source.source_hash, source.warnings)
-    if weights is None:
-        return _converted(source.name, source.material(model), target, extra, source.wrap, made)
-    stack = bake(source, LEARNED, target, weights=weights, device=device)
-    by = stack.provenance
-    made = replace(
-        made, rule=LEARNED, weights=by.weights, weights_sha256=by.weights_sha256, pixel_filter=by.pixel_filter
-    )
-    return Material(source.name, target, stack.levels[0], extra, source.wrap, made)
-
-
-def check_device(weights: str | None, device: str | None) -> None:
-    """UsageError where a device is asked for and no network: a formula converts on the processor."""
-    if device is not None and weights is None:
-        raise UsageError("a conversion without weights takes no device: name weights, or leave the device out")
-
-
-def _converted(
-    name: str,
-    stored: NDArray[np.float32],
-    target: str,
-    extra: Mapping[str, NDArray[np.float32]],
-    wrap: tuple[str, str],
-    made: Conversion,
-) -> Material:
-    """Converts by the analytic rule, from the model that `made` names."""
+    else:
+        extra = {role: texture.pixels for role, texture in source.plain_maps.items()}
+        sources = {t.source.path.name: t.source.sha256 for t in source.maps.values() if t.source.path is not None}
+        model = source.source_model
+        made = Conversion(model, ANALYTIC, __version__, sources, source.source_hash, source.warnings)
+        if weights is not None:
+            stack = bake(source, LEARNED, target, weights=weights, device=device)
+            by = stack.provenance
+            made = replace(made, rule=LEARNED, weights=by.weights, weights_sha256=by.weights_sha256)
+            made = replace(made, pixel_filter=by.pixel_filter)
+            return Material(source.name, target, stack.levels[0], extra, source.wrap, made)
+        stored = source.material(model)
     converted = material.convert(stored, made.source_model, target)
     if target != made.source_model:
         converted = material.regularise(converted, target)
     lines = MODELS[target].lines
     if lines is not None:
-        converted[..., lines.channels] = untangled(converted[..., lines.channels], wrap)
-    return Material(name, target, np.ascontiguousarray(converted, np.float32), extra, wrap, made)
+        converted[..., lines.channels] = untangled(converted[..., lines.channels], source.wrap)
+    return Material(source.name, target, np.ascontiguousarray(converted, np.float32), extra, source.wrap, made)
+
+
+def check_device(weights: str | None, device: str | None) -> None:
+    """UsageError where a device is given and no network: a formula converts on the processor."""
+    if device is not None and weights is None:
+        raise UsageError("a conversion without weights takes no device: name weights, or leave the device out")
 
 
 def image_container(model: str, format: str) -> Container:

@@ -15,11 +15,14 @@ from mipbake.source.gltf import container, uris
 
 Json = dict[str, Any]
 
-_EXTENSIONS = ("extensionsUsed", "extensionsRequired")
+_ARRAYS: Mapping[str, tuple[type, str]] = {
+    **dict.fromkeys(("buffers", "bufferViews", "images", "textures", "samplers", "materials"), (dict, "objects")),
+    **dict.fromkeys(("extensionsUsed", "extensionsRequired"), (str, "names")),
+}
+"""Top-level arrays to what they hold."""
+
 _DEPTH = 200
 """Objects and arrays in each other: far more than a document needs, and few enough to be copied and written."""
-
-_ARRAYS = ("buffers", "bufferViews", "images", "textures", "samplers", "materials")
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,13 +63,17 @@ class Document:
 
 
 def read_document(path: Path) -> Document:
-    """Reads a .gltf or .glb file, which of them its content tells, with its buffers.
+    """Reads a .gltf or .glb file with its buffers; its content decides which of the two it is.
 
     Raises:
         InputError: it is not glTF 2, or it is damaged or cut short; a buffer is missing, or too short for what lies in
             it; a texture names an image that is not there.
     """
-    data = _read(path)
+    if not disk.exists(path):
+        raise InputError(f"{path} does not exist: expected a .gltf or .glb file")
+    data = disk.read_bytes(path)
+    if not data:
+        raise InputError(f"{path} is empty (0 bytes): export or download it again")
     if data.startswith(container.MAGIC):
         chunks = container.unpacked(data, str(path))
     elif data.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{"):
@@ -74,17 +81,9 @@ def read_document(path: Path) -> Document:
     else:
         raise InputError(f"{path} is not a glTF file: expected JSON, or a GLB that begins with glTF")
     parsed = _parsed(path, chunks.text)
-    _check_version(path, parsed)
-    _check_arrays(path, parsed)
     buffers = tuple(_buffer(path, i, b, chunks.binary) for i, b in enumerate(parsed.get("buffers", [])))
     document = Document(path, parsed, buffers, chunks.others)
-    for index, view in enumerate(document.all("bufferViews")):
-        _check_view(document, index, view)
-    for index, image in enumerate(document.all("images")):
-        if "bufferView" in image:
-            document.one("bufferViews", image["bufferView"], f"image {index}")
-    for index, texture in enumerate(document.all("textures")):
-        _check_sources(document, index, texture)
+    _check_references(document)
     return document
 
 
@@ -118,13 +117,10 @@ def member(parent: Mapping[str, Any], key: str, where: str, path: Path) -> Json:
     return found
 
 
-def _read(path: Path) -> bytes:
-    if not disk.exists(path):
-        raise InputError(f"{path} does not exist: expected a .gltf or .glb file")
-    data = disk.read_bytes(path)
-    if not data:
-        raise InputError(f"{path} is empty (0 bytes): export or download it again")
-    return data
+def extensions_in(holder: Json) -> Json:
+    """The extensions of an object of the JSON, empty where it has none or something else in their place."""
+    found = holder.get("extensions")
+    return found if isinstance(found, dict) else {}
 
 
 def _parsed(path: Path, text: bytes) -> Json:
@@ -140,6 +136,20 @@ def _parsed(path: Path, text: bytes) -> Json:
         raise InputError(
             f"{path} holds JSON with more than {_DEPTH} objects nested in each other: expected fewer, export it flat"
         )
+    asset = parsed.get("asset")
+    if not isinstance(asset, dict) or asset.get("version") is None:
+        raise InputError(f"{path} is JSON without asset.version: expected a glTF 2.0 document")
+    version, least = str(asset["version"]), str(asset.get("minVersion", "2.0"))
+    if not re.fullmatch(r"2\.\d+", version) or least != "2.0":
+        needed = f", and needs {least}" if least != "2.0" else ""
+        raise InputError(f"{path} is of glTF version {version}{needed}: expected 2.0, export it as glTF 2.0")
+    for kind, (held, expected) in _ARRAYS.items():
+        found = parsed.get(kind, [])
+        if not isinstance(found, list) or not all(isinstance(each, held) for each in found):
+            raise InputError(
+                f"{path}: its {kind} are not an array of {expected}: the file is broken, check it with the glTF "
+                "validator and export it again"
+            )
     return parsed
 
 
@@ -156,33 +166,17 @@ def _is_deeper(node: Any, depth: int) -> bool:
     return bool(layer)
 
 
-def _check_version(path: Path, parsed: Json) -> None:
-    asset = parsed.get("asset")
-    version = asset.get("version") if isinstance(asset, dict) else None
-    if version is None:
-        raise InputError(f"{path} is JSON without asset.version: expected a glTF 2.0 document")
-    least = asset.get("minVersion", "2.0") if isinstance(asset, dict) else "2.0"
-    if not re.fullmatch(r"2\.\d+", str(version)) or str(least) != "2.0":
-        needed = f", and needs {least}" if str(least) != "2.0" else ""
-        raise InputError(f"{path} is of glTF version {version}{needed}: expected 2.0, export it as glTF 2.0")
-
-
-def _check_arrays(path: Path, parsed: Json) -> None:
-    for kind in (*_ARRAYS, *_EXTENSIONS):
-        found = parsed.get(kind, [])
-        held, expected = (dict, "objects") if kind in _ARRAYS else (str, "names")
-        if not isinstance(found, list) or not all(isinstance(each, held) for each in found):
-            raise InputError(
-                f"{path}: its {kind} are not an array of {expected}: the file is broken, check it with the glTF "
-                "validator and export it again"
-            )
+def _size(path: Path, holder: Json, key: str, where: str, default: int | None = None) -> int:
+    """A number of bytes in the JSON."""
+    value = holder.get(key, default)
+    if not isinstance(value, int) or isinstance(value, bool) or value < 0:
+        raise InputError(f"{path}: {key} of {where} is {value!r}, expected a whole number: export it again")
+    return value
 
 
 def _buffer(path: Path, index: int, buffer: Json, binary: bytes | None) -> bytes | None:
-    uri, length = buffer.get("uri"), buffer.get("byteLength")
-    what = f"buffer {index}"
-    if not isinstance(length, int) or isinstance(length, bool) or length < 0:
-        raise InputError(f"{path}: {what} has the byteLength {length!r}, expected a whole number: export it again")
+    uri, what = buffer.get("uri"), f"buffer {index}"
+    length = _size(path, buffer, "byteLength", what)
     if uri is None and (index != 0 or binary is None):
         return None
     if uri is not None and not isinstance(uri, str):
@@ -196,27 +190,23 @@ def _buffer(path: Path, index: int, buffer: Json, binary: bytes | None) -> bytes
     return data[:length]
 
 
-def _check_sources(document: Document, index: int, texture: Json) -> None:
-    """InputError where a texture, or an extension of it such as KHR_texture_basisu, names an image that does not
-    exist."""
-    extensions = texture.get("extensions")
-    named = {f"{name} of texture {index}": e for name, e in extensions.items()} if isinstance(extensions, dict) else {}
-    for where, holder in {f"texture {index}": texture, **named}.items():
-        if isinstance(holder, dict) and "source" in holder:
-            document.one("images", holder["source"], where)
-
-
-def _check_view(document: Document, index: int, view: Json) -> None:
-    where = f"bufferView {index}"
-    buffer = document.one("buffers", view.get("buffer"), where)
-    start, length = view.get("byteOffset", 0), view.get("byteLength")
-    for key, value in (("byteOffset", start), ("byteLength", length)):
-        if not isinstance(value, int) or isinstance(value, bool) or value < 0:
+def _check_references(document: Document) -> None:
+    """InputError where a bufferView, an image or a texture refers to what is not there."""
+    for index, view in enumerate(document.all("bufferViews")):
+        where = f"bufferView {index}"
+        size = document.one("buffers", view.get("buffer"), where)["byteLength"]
+        end = _size(document.path, view, "byteOffset", where, 0) + _size(document.path, view, "byteLength", where)
+        if end > size:
             raise InputError(
-                f"{document.path}: {key} of {where} is {value!r}, expected a whole number: export it again"
+                f"{document.path}: {where} runs to byte {end} of buffer {view['buffer']}, which has {size}: the file "
+                "is broken, export or download it again"
             )
-    if start + length > buffer["byteLength"]:
-        raise InputError(
-            f"{document.path}: {where} runs to byte {start + length} of buffer {view['buffer']}, which has "
-            f"{buffer['byteLength']}: the file is broken, export or download it again"
-        )
+    for index, image in enumerate(document.all("images")):
+        if "bufferView" in image:
+            document.one("bufferViews", image["bufferView"], f"image {index}")
+    for index, texture in enumerate(document.all("textures")):
+        where = f"texture {index}"
+        holders = {where: texture, **{f"{name} of {where}": e for name, e in extensions_in(texture).items()}}
+        for named, holder in holders.items():
+            if isinstance(holder, dict) and "source" in holder:
+                document.one("images", holder["source"], named)

@@ -1,46 +1,57 @@
-"""What to bake of a glTF document: its materials as texture sets, those that share everything as one."""
+"""What to bake of a glTF document: the lobes of its materials as texture sets, those that share everything as one.
+
+A clearcoat (KHR_materials_clearcoat) with textures of its own is a set of its own: a dielectric whose base colour and
+metallic are 0, so that the reflection of F0 = 0.04 alone is measured and prefiltered, which is all that the layer has.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mipbake.base.errors import InputError
 from mipbake.base.messages import listed
 from mipbake.base.safe_names import unique_name
-from mipbake.source.gltf.bakes import (
-    GltfBake,
-    SkippedError,
-    add_factor,
-    animation_warning,
-    check_shared,
-    sampler_warnings,
-)
-from mipbake.source.gltf.clearcoat import coat_bakes
-from mipbake.source.gltf.document import Document, Json, member, number
-from mipbake.source.gltf.extracted import Extracted
+from mipbake.source.gltf.document import Document
+from mipbake.source.gltf.images import Images
+from mipbake.source.gltf.lobes import Part, SkippedError, base_of, coat_of
 from mipbake.source.gltf.plain import PlainTexture, plain_textures
-from mipbake.source.gltf.slots import (
-    ANISOTROPIC,
-    ANISOTROPY,
-    BASE_COLOUR,
-    METALLIC_ROUGHNESS,
-    NORMAL,
-    OCCLUSION,
-    SPECULAR_GLOSSINESS,
-    UNLIT,
-    Slot,
-    label_of,
-    slot_of,
-)
+from mipbake.source.gltf.slots import ANISOTROPIC, BASE, BASE_COLOUR, COATING, Lobe, label_of
 from mipbake.source.gltf.uses import animated_members
 from mipbake.source.options import LoadOptions, MapChoice
 
-__all__ = ["GltfBake", "GltfMaterials", "read_materials"]
+
+@dataclass(frozen=True)
+class GltfBake:
+    """One bake of a document: a texture set, and the materials that it is for.
+
+    Args:
+        name: safe as a folder name, and no other bake's of the document.
+        materials: indices of the materials that show these textures.
+        options: how `mipbake.load` reads the set out of `files`. An `occlusion` map in it is the red channel of the
+            roughness's image, and has to be the red channel of the baked image as well.
+        files: the images, each in its own file.
+        slots: the slots that baked maps may fill. baseColorTexture is not among them where the base colour has no
+            texture, or one that lies elsewhere on the surface: it is not prefiltered.
+        notes: what was found, in sentences.
+        warnings: what the user should look at, in sentences.
+        lobe: whose normals and roughness these are: the material itself, or its clearcoat.
+    """
+
+    name: str
+    materials: tuple[int, ...]
+    options: LoadOptions
+    files: tuple[Path, ...]
+    slots: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    lobe: Lobe = BASE
 
 
 @dataclass(frozen=True)
@@ -58,40 +69,13 @@ class GltfMaterials:
     errors: tuple[str, ...] = ()
 
 
-@dataclass
-class _Material:
-    """A material that can be baked: its index, its slots that share texels, and the factors that enter."""
-
-    index: int
-    name: str
-    slots: dict[str, Slot]
-    elsewhere: Slot | None
-    """The material's base colour, where it does not share the texels."""
-    occluded: bool
-    roughness: float
-    metallic: float
-    scale: float
-    colour: tuple[float, ...]
-    opacity: bool
-    cutoff: float | None
-    strength: float
-    rotation: float
-    notes: list[str] = field(default_factory=list)
-
-    @property
-    def main(self) -> Slot:
-        """The slot whose place on the surface and whose wrap the set has."""
-        return self.slots.get(NORMAL) or self.slots[METALLIC_ROUGHNESS]
-
-
 def read_materials(document: Document, folder: Path) -> GltfMaterials:
-    """The materials of a document that have a normal or a metallicRoughness texture, as texture sets.
+    """The materials of a document that have a normal or a roughness texture, and such clearcoats, as texture sets.
 
-    Materials whose textures and factors are the same are one set; where on the surface they show it does not matter.
-    A clearcoat with textures of its own is a set of its own, of a dielectric without a colour.
+    Those whose textures and factors are the same are one set; where on the surface they show it does not matter.
 
-    roughnessFactor, metallicFactor, the scale of the normal map and the factors of KHR_materials_anisotropy are in the
-    set (`mipbake.stack.gltf.write` makes them 1), baseColorFactor and the strength of the occlusion stay in the
+    The factors of roughness and metallic, the scale of the normal map and the factors of KHR_materials_anisotropy are
+    in the set (`mipbake.stack.gltf.write` makes them 1), baseColorFactor and the strength of the occlusion stay in the
     material.
 
     Args:
@@ -101,27 +85,29 @@ def read_materials(document: Document, folder: Path) -> GltfMaterials:
     Raises:
         InputError: no material can be baked; what is wrong with the first where none can be read.
     """
-    images = Extracted(document, folder)
-    groups: dict[tuple[Any, ...], list[_Material]] = {}
+    images, animated = Images(document, folder), animated_members(document.json)
     notes: list[str] = []
     warnings: list[str] = []
     broken: dict[str, list[str]] = {}
-    for index, material in enumerate(document.all("materials")):
-        try:
-            found = _material(document, index, material, images)
-            groups.setdefault(_key(found, images), []).append(found)
-        except SkippedError as skipped:
-            (warnings if skipped.loud else notes).append(str(skipped))
-        except InputError as error:
-            broken.setdefault(error.full, []).append(label_of(index, material))
+    bakes: list[GltfBake] = []
     names: set[str] = set()
-    bakes = []
-    for materials in groups.values():
-        try:
-            bakes.append(_bake(document, materials, images, names))
-        except InputError as error:
-            broken.setdefault(error.full, []).extend(material.name for material in materials)
-    bakes += coat_bakes(document, images, names, warnings, broken)
+    for read in (base_of, coat_of):
+        groups: dict[tuple[Any, ...], list[Part]] = {}
+        for index, material in enumerate(document.all("materials")):
+            try:
+                part = read(document, index, material, images, animated.get(index, set()))
+                if part is not None:
+                    groups.setdefault(part.key(images), []).append(part)
+            except SkippedError as skipped:
+                (warnings if skipped.loud else notes).append(str(skipped))
+            except InputError as error:
+                broken.setdefault(error.full, []).append(label_of(index, material))
+        for parts in groups.values():
+            try:
+                warned = [text for part in parts for text in part.warnings(animated.get(part.index, set()))]
+                bakes.append(_bake(document, parts, images, names, warned))
+            except InputError as error:
+                broken.setdefault(error.full, []).extend(part.name for part in parts)
     errors = tuple(f"{reason} ({listed(labels)} cannot be baked)" for reason, labels in broken.items())
     if not bakes and errors:
         raise InputError(errors[0] + (f"; {len(errors) - 1} more are broken in other ways" if errors[1:] else ""))
@@ -132,149 +118,42 @@ def read_materials(document: Document, folder: Path) -> GltfMaterials:
             f"{document.path} has no material to bake ({shown or 'it has none at all'}): expected one with a normal or "
             "a metallicRoughness texture"
         )
-    plain, told = plain_textures(document, bakes, images)
-    return GltfMaterials(tuple(bakes), plain, (*notes, *told), tuple(warnings), errors)
+    plain, others = plain_textures(document, _filled(bakes), images)
+    return GltfMaterials(tuple(bakes), plain, (*notes, *others), tuple(warnings), errors)
 
 
-def _material(document: Document, index: int, material: Json, images: Extracted) -> _Material:
-    """A material's slots and factors; SkippedError where it is left as it is."""
-    where, path = label_of(index, material), document.path
-    extensions = member(material, "extensions", where, path)
-    if UNLIT in extensions:
-        raise SkippedError(f"{where} is unlit and is left as it is")
-    if SPECULAR_GLOSSINESS in extensions:  # why it was not converted is told by who did that
-        raise SkippedError(f"{where} is given in specular and glossiness and is left as it is")
-    names = (NORMAL, METALLIC_ROUGHNESS, BASE_COLOUR, ANISOTROPIC)
-    slots = {name: slot for name in names if (slot := slot_of(document, material, name, where)) is not None}
-    main = slots.get(NORMAL) or slots.get(METALLIC_ROUGHNESS)
-    if main is None:
-        raise SkippedError(
-            f"{where} has neither a normal nor a metallicRoughness texture: nothing in it is prefiltered"
-        )
-    pbr = member(material, "pbrMetallicRoughness", where, path)
-    anisotropy = extensions.get(ANISOTROPY, {})
-    scale = number(material.get(NORMAL, {}).get("scale", 1.0), f"scale of normalTexture of {where}", path, -1e6, 1e6)
-    if NORMAL in slots and scale < 0:
-        raise SkippedError(
-            f"{where}: the scale of its normalTexture is {scale:g}, which inverts its bumps along x and y, and is left "
-            "as it is: invert red and green of the normal map and make the scale positive to have it baked",
-            loud=True,
-        )
-    strength = number(anisotropy.get("anisotropyStrength", 0.0), f"anisotropyStrength of {where}", path, 0, 1)
-    if strength == 0:
-        slots.pop(ANISOTROPIC, None)
-    check_shared(where, main, [slots[name] for name in (METALLIC_ROUGHNESS, ANISOTROPIC) if name in slots])
-    base = slots.get(BASE_COLOUR)
-    elsewhere = slots.pop(BASE_COLOUR) if base is not None and base.mapping != main.mapping else None
-    colour = pbr.get("baseColorFactor", [1.0, 1.0, 1.0, 1.0])
-    if not isinstance(colour, list) or len(colour) != 4:
-        raise InputError(f"{path}: baseColorFactor of {where} is {colour!r}, expected four numbers: export it again")
-    factors = tuple(number(c, f"baseColorFactor of {where}", path, 0, 1) for c in colour)
-    found = _Material(
-        index,
-        where,
-        slots,
-        elsewhere,
-        _occluded(document, material, slots.get(METALLIC_ROUGHNESS), images, where),
-        number(pbr.get("roughnessFactor", 1.0), f"roughnessFactor of {where}", path, 0, 1),
-        number(pbr.get("metallicFactor", 1.0), f"metallicFactor of {where}", path, 0, 1),
-        scale,
-        factors,
-        False,
-        None,
-        strength,
-        number(anisotropy.get("anisotropyRotation", 0.0), f"anisotropyRotation of {where}", path, -1e6, 1e6)
-        if strength
-        else 0.0,
-    )
-    _read_alpha(document, found, material, images)
-    return found
+def _filled(bakes: Sequence[GltfBake]) -> set[tuple[int, str]]:
+    """The slots that show baked maps, with those that follow in the red channel, by material."""
+    filled = set()
+    for bake in bakes:
+        red = (bake.lobe.red,) if bake.options.maps.get("occlusion") else ()
+        filled |= {(index, slot) for index in bake.materials for slot in (*bake.slots, *red)}
+    return filled
 
 
-def _occluded(document: Document, material: Json, packed: Slot | None, images: Extracted, where: str) -> bool:
-    """Whether the occlusion is the red channel of the metallicRoughness image."""
-    occlusion = slot_of(document, material, OCCLUSION, where)
-    return occlusion is not None and packed is not None and images.key(occlusion.image) == images.key(packed.image)
-
-
-def _read_alpha(document: Document, found: _Material, material: Json, images: Extracted) -> None:
-    """Whether the alpha of the base colour is seen, and the cutoff in its terms."""
-    mode = material.get("alphaMode", "OPAQUE")
-    if mode not in ("OPAQUE", "MASK", "BLEND"):
-        raise InputError(
-            f"{document.path}: alphaMode of {found.name} is {mode!r}, expected OPAQUE, MASK or BLEND: export it again"
-        )
-    base = found.slots.get(BASE_COLOUR)
-    if mode == "OPAQUE" or base is None or images.header(base.image).alpha < 0:
-        return
-    found.opacity = True
-    if mode == "BLEND":
-        return
-    cutoff = number(material.get("alphaCutoff", 0.5), f"alphaCutoff of {found.name}", document.path, 0, 1e6)
-    factor = found.colour[3]
-    if 0 < cutoff <= factor:
-        found.cutoff = cutoff / factor  # the material tests the product
-    else:
-        side = "opaque" if cutoff == 0 else "transparent"
-        found.notes.append(f"{found.name}: no alpha reaches both sides of its cutoff, so that it is {side} everywhere")
-
-
-def _key(found: _Material, images: Extracted) -> tuple[Any, ...]:
-    """Equal for materials that are baked as one: everything that texels are made from."""
-    textures = tuple((name, images.key(slot.image), slot.wrap) for name, slot in sorted(found.slots.items()))
-    constants = (found.roughness, found.metallic, found.scale if NORMAL in found.slots else 1.0)
-    return textures, constants, found.opacity, found.cutoff, found.strength, found.rotation
-
-
-def _bake(document: Document, materials: Sequence[_Material], images: Extracted, names: set[str]) -> GltfBake:
-    first, notes = materials[0], [n for m in materials for n in m.notes]
-    warnings = [
-        *(text for m in materials for text in sampler_warnings(m.name, list(m.slots.values()), m.main)),
-        *_animation_warnings(document, materials),
-    ]
-    maps: dict[str, MapChoice] = {"normal": None, "opacity": None, "occlusion": None, "height": None, "emissive": None}
-    factors: dict[str, float] = {}
+def _bake(
+    document: Document, parts: Sequence[Part], images: Images, names: set[str], warnings: Sequence[str]
+) -> GltfBake:
+    """One bake of parts with the same key."""
+    first, lobe = parts[0], parts[0].lobe
+    is_coat, labels = lobe is COATING, listed(part.name for part in parts)
+    notes = [note for part in parts for note in part.notes]
+    if is_coat:
+        notes.append(f"{labels}: normals and roughness are filtered together, as in a dielectric without a colour")
     files: list[Path] = []
-
-    def channels(image: int, letters: str) -> str:
-        path = images.file(image)
-        files.append(path)
-        return f"{path.name}:{'R' if letters != 'A' and images.is_grey(image) else letters}"
-
-    def made(path: Path) -> str:
-        files.append(path)
-        return f"{path.name}:RGB"
-
-    for slot in (NORMAL, ANISOTROPIC):
-        if slot in first.slots:
-            images.check_directions(first.slots[slot].image, slot)
-    maps["base_color"] = _base_colour(materials, images, channels, made, notes)
-    if NORMAL in first.slots:
-        maps["normal"] = channels(first.slots[NORMAL].image, "RGB")
-        add_factor(factors, "normal", first.scale)
-    packed = first.slots.get(METALLIC_ROUGHNESS)
-    for role, letter, value in (("roughness", "G", first.roughness), ("metallic", "B", first.metallic)):
-        maps[role] = value if packed is None else channels(packed.image, letter)
-        if packed is not None:
-            add_factor(factors, role, value)
-    if packed is not None and any(m.occluded for m in materials):
-        maps["occlusion"] = channels(packed.image, "R")
-        notes.append("the occlusion is the red channel of the metallicRoughness image and stays there")
-    if first.opacity:
-        maps["opacity"] = channels(first.slots[BASE_COLOUR].image, "A")
-    if first.strength:
-        texture = first.slots.get(ANISOTROPIC)
-        if texture is not None and first.strength == 1 and first.rotation == 0:
-            maps["anisotropy"] = channels(texture.image, "RGB")
-        else:
-            image = None if texture is None else texture.image
-            maps["anisotropy"] = made(images.directions(image, first.strength, first.rotation))
+    maps = _maps(parts, images, files, notes)
+    packed = ("roughness", "metallic")[: len(lobe.factors)] if lobe.roughness in first.slots else ()
+    baked = {role: first.factors[role] for role in ("normal", *packed)}
+    factors = {role: value for role, value in baked.items() if not math.isclose(value, 1.0, abs_tol=1e-9)}
     if factors:
         shown = ", ".join(f"{role} {value:g}" for role, value in factors.items())
-        notes.append(f"factors of the material are baked into the textures and become 1 there: {shown}")
-    if len(materials) > 1:
-        notes.append(f"{listed(m.name for m in materials)} share these textures, which are baked once")
-    name = unique_name(document.all("materials")[first.index].get("name"), f"material_{first.index}", names)
+        what = "clearcoat" if is_coat else "material"
+        notes.append(f"factors of the {what} are baked into the textures and become 1 there: {shown}")
+    if len(parts) > 1 and not is_coat:
+        notes.append(f"{labels} share these textures, which are baked once")
+    own, suffix = document.all("materials")[first.index].get("name"), "_clearcoat" if is_coat else ""
+    named = f"{own}{suffix}" if isinstance(own, str) and own else None
+    name = unique_name(named, f"material_{first.index}{suffix}", names)
     options = LoadOptions(
         maps=maps,
         colour_space="sRGB",
@@ -286,50 +165,66 @@ def _bake(document: Document, materials: Sequence[_Material], images: Extracted,
         metadata=False,
         origin="document",
     )
-    slots = [s for s in (BASE_COLOUR,) if s in first.slots] + [METALLIC_ROUGHNESS, NORMAL, ANISOTROPIC]
-    indices = tuple(m.index for m in materials)
-    return GltfBake(name, indices, options, tuple(dict.fromkeys(files)), tuple(slots), tuple(notes), tuple(warnings))
+    made = (lobe.roughness,) if is_coat else (lobe.roughness, lobe.normal, ANISOTROPIC)  # even where there is none yet
+    slots = dict.fromkeys([*(s for s in (BASE_COLOUR,) if s in first.slots), *made])
+    slots |= dict.fromkeys(slot for slot in (lobe.normal,) if slot in first.slots)
+    indices, unique = tuple(part.index for part in parts), tuple(dict.fromkeys(files))
+    return GltfBake(name, indices, options, unique, tuple(slots), tuple(notes), tuple(warnings), lobe)
 
 
-def _base_colour(
-    materials: Sequence[_Material], images: Extracted, channels: Any, made: Any, notes: list[str]
-) -> MapChoice:
-    """The texture, or the mean over the materials of what is seen where there is none among the shared texels."""
-    first = materials[0]
-    if BASE_COLOUR in first.slots:
-        texture: str = channels(first.slots[BASE_COLOUR].image, "RGB")
-        return texture
+def _maps(parts: Sequence[Part], images: Images, files: list[Path], notes: list[str]) -> dict[str, MapChoice]:
+    """What fills every role; `files` and `notes` grow."""
+    first, lobe = parts[0], parts[0].lobe
+    maps: dict[str, MapChoice] = {"normal": None, "opacity": None, "occlusion": None, "height": None, "emissive": None}
+
+    def channels(slot: str, letters: str) -> str:
+        image = first.slots[slot].image
+        files.append(images.file(image))
+        return f"{files[-1].name}:{'R' if letters != 'A' and images.is_grey(image) else letters}"
+
+    def made(path: Path) -> str:
+        files.append(path)
+        return f"{path.name}:RGB"
+
+    for slot in (lobe.normal, ANISOTROPIC):
+        if slot in first.slots:
+            images.check_directions(first.slots[slot].image, slot)
     notes += [
-        f"{m.name}: its base colour lies elsewhere on the surface than its {m.main.name} and is left as it is"
-        for m in materials
-        if m.elsewhere is not None
+        f"{part.name}: its base colour lies elsewhere on the surface than its {part.main.name} and is left as it is"
+        for part in parts
+        if part.elsewhere is not None
     ]
-    colours = [images.mean_colour(m.elsewhere.image) if m.elsewhere else np.array(m.colour[:3]) for m in materials]
-    colour = np.mean(colours, 0)
-    if np.ptp(colour) < 1e-6:
-        return float(np.clip(colour[0], 0, 1))
-    file: str = made(images.colour(colour))
-    return file
+    colour = None if BASE_COLOUR in first.slots else _mean_colour(parts, images)
+    if colour is None:
+        maps["base_color"] = channels(BASE_COLOUR, "RGB")
+    else:
+        is_grey = np.ptp(colour) < 1e-6
+        maps["base_color"] = float(np.clip(colour[0], 0, 1)) if is_grey else made(images.colour(colour))
+    if lobe.normal in first.slots:
+        maps["normal"] = channels(lobe.normal, "RGB")
+    packed = lobe.roughness in first.slots
+    maps["roughness"] = channels(lobe.roughness, "G") if packed else first.factors["roughness"]
+    maps["metallic"] = channels(lobe.roughness, "B") if packed and lobe is BASE else first.factors["metallic"]
+    if packed and any(part.occluded for part in parts):
+        maps["occlusion"] = channels(lobe.roughness, "R")
+        if lobe is BASE:
+            notes.append("the occlusion is the red channel of the metallicRoughness image and stays there")
+    if first.opacity:
+        maps["opacity"] = channels(BASE_COLOUR, "A")
+    if first.strength == 1 and first.rotation == 0 and ANISOTROPIC in first.slots:
+        maps["anisotropy"] = channels(ANISOTROPIC, "RGB")
+    elif first.strength:
+        image = first.slots[ANISOTROPIC].image if ANISOTROPIC in first.slots else None
+        maps["anisotropy"] = made(images.directions(image, first.strength, first.rotation))
+    return maps
 
 
-def _animation_warnings(document: Document, materials: Sequence[_Material]) -> list[str]:
-    """What is baked in at the value that it has without the animation."""
-    animated = animated_members(document.json)
-    found = []
-    for each in materials:
-        baked = {
-            "pbrMetallicRoughness/roughnessFactor": each.roughness,
-            "pbrMetallicRoughness/metallicFactor": each.metallic,
-        }
-        if NORMAL in each.slots:
-            baked[f"{NORMAL}/scale"] = each.scale
-        if each.strength:
-            baked[f"extensions/{ANISOTROPY}/anisotropyStrength"] = each.strength
-            baked[f"extensions/{ANISOTROPY}/anisotropyRotation"] = each.rotation
-        if each.cutoff is not None:
-            baked["alphaCutoff"] = each.cutoff * each.colour[3]
-        found += [
-            animation_warning(each.name, member, baked[member])
-            for member in sorted(animated.get(each.index, set()) & baked.keys())
-        ]
-    return found
+def _mean_colour(parts: Sequence[Part], images: Images) -> NDArray[np.float64]:
+    """(3,) mean over materials of base colours that are not among the shared texels, linear."""
+    colours = [
+        np.array(part.colour[:3])
+        if part.elsewhere is None
+        else images.linear(part.elsewhere.image)[0].mean((0, 1), np.float64)
+        for part in parts
+    ]
+    return np.asarray(np.mean(colours, 0), np.float64)

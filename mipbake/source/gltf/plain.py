@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import TypeAlias
 
 from mipbake.base.errors import InputError
 from mipbake.base.messages import listed, one_line
-from mipbake.source.gltf.bakes import GltfBake
 from mipbake.source.gltf.document import Document
-from mipbake.source.gltf.extracted import Extracted
+from mipbake.source.gltf.images import Images
 from mipbake.source.gltf.slots import (
     ALPHA,
     ANISOTROPIC,
@@ -71,14 +70,13 @@ class PlainTexture:
 
 
 def plain_textures(
-    document: Document, bakes: Sequence[GltfBake], images: Extracted
+    document: Document, filled: Collection[MaterialSlot], images: Images
 ) -> tuple[tuple[PlainTexture, ...], tuple[str, ...]]:
-    """The textures of materials that no bake fills and that averages are right for, and what is to be said of all
-    textures beside the textures of the bakes."""
+    """The textures of materials that averages are right for, and what is to be said of all textures beside those that
+    bakes have `filled`."""
     found: dict[tuple[str, tuple[str, str]], dict[MaterialSlot, Slot]] = {}
     names: dict[MaterialSlot, str] = {}
     kept: dict[str, list[str]] = {}
-    filled = _filled(bakes)
     untouched = _untouched(document, filled)
     for index, material in enumerate(document.all("materials")):
         for name in PLACES:
@@ -126,16 +124,7 @@ def _unfit(slot: Slot, header: Header) -> str:
     return ""
 
 
-def _filled(bakes: Sequence[GltfBake]) -> set[MaterialSlot]:
-    """What shows baked maps, with what follows in the red channel."""
-    filled = set()
-    for bake in bakes:
-        red = (bake.lobe.red,) if bake.options.maps.get("occlusion") else ()
-        filled |= {(index, slot) for index in bake.materials for slot in (*bake.slots, *red)}
-    return filled
-
-
-def _untouched(document: Document, filled: set[MaterialSlot]) -> set[int]:
+def _untouched(document: Document, filled: Collection[MaterialSlot]) -> set[int]:
     """Textures that stay as they are because something else shows them."""
     known = {}
     for index, material in enumerate(document.all("materials")):
@@ -143,10 +132,10 @@ def _untouched(document: Document, filled: set[MaterialSlot]) -> set[int]:
             info = info_of(material, name)
             if info is not None and (name not in PREFILTERED or (index, name) in filled):
                 known[id(info)] = info
-    return {use.index for use in texture_uses(document.json) if id(use.parent) not in known}
+    return {index for parent, index in texture_uses(document.json) if id(parent) not in known}
 
 
-def _split(document: Document, uses: dict[MaterialSlot, Slot], images: Extracted) -> list[PlainTexture]:
+def _split(document: Document, uses: dict[MaterialSlot, Slot], images: Images) -> list[PlainTexture]:
     """What one image becomes: a texture of colours, one of numbers, or both; alpha alone goes with either."""
     holds = {use: PLACES[use[1]].holds for use in uses}
     kinds = [kind for kind in (COLOUR, DATA) if kind in holds.values()] or [DATA]
@@ -164,8 +153,8 @@ def _split(document: Document, uses: dict[MaterialSlot, Slot], images: Extracted
     return made
 
 
-def _opacity(document: Document, use: MaterialSlot, slot: Slot, images: Extracted) -> tuple[bool, float | None]:
-    """Whether alpha is seen as opacity, and what the texture's alpha is tested against."""
+def _opacity(document: Document, use: MaterialSlot, slot: Slot, images: Images) -> tuple[bool, float | None]:
+    """Whether alpha counts as opacity, and what the texture's alpha is tested against."""
     material = document.all("materials")[use[0]]
     mode = material.get("alphaMode", "OPAQUE")
     if use[1] != BASE_COLOUR or mode == "OPAQUE" or images.header(slot.image).alpha < 0:

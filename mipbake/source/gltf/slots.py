@@ -83,31 +83,22 @@ class Lobe:
         normal: slot of its normals.
         roughness: slot whose green channel is the roughness.
         red: slot that may show the red channel of the same image.
-        keys: where the factors are, as in a `Place`.
-        factors: members that the texture is multiplied with, the roughness factor first, and the value of each where it
-            is not given.
+        factors: members beside the roughness's slot that the roughness, and the metallic where there is one, are
+            multiplied with, and the value of each where it is not given.
     """
 
     normal: str
     roughness: str
     red: str
-    keys: tuple[str, ...]
     factors: tuple[tuple[str, float], ...]
 
 
-BASE = Lobe(
-    NORMAL,
-    METALLIC_ROUGHNESS,
-    OCCLUSION,
-    ("pbrMetallicRoughness",),
-    (("roughnessFactor", 1.0), ("metallicFactor", 1.0)),
-)
-COATING = Lobe(COAT_NORMAL, COAT_ROUGHNESS, COAT, ("extensions", CLEARCOAT), (("clearcoatRoughnessFactor", 0.0),))
+BASE = Lobe(NORMAL, METALLIC_ROUGHNESS, OCCLUSION, (("roughnessFactor", 1.0), ("metallicFactor", 1.0)))
+COATING = Lobe(COAT_NORMAL, COAT_ROUGHNESS, COAT, (("clearcoatRoughnessFactor", 0.0),))
 """KHR_materials_clearcoat: a second lobe, of a dielectric, on top of the material."""
 
 _CLAMPED, _MIRRORED, _REPEATED = 33071, 33648, 10497
 _NEAREST, _LINEAR = 9728, 9729
-_WITHOUT_LEVELS = (_NEAREST, _LINEAR)
 
 Mapping2D = tuple[int, tuple[float, ...], float, tuple[float, ...]]
 """Set of texture coordinates, offset, rotation and scale."""
@@ -153,19 +144,16 @@ def holder_of(material: Json, slot: str, where: str, document: Document) -> Json
 
 
 def info_of(material: Json, slot: str) -> Json | None:
-    """A slot's textureInfo in a material that has been checked; None where there is no texture."""
-    holder: Any = material
-    for key in PLACES[slot].keys:
-        holder = holder.get(key)
-        if not isinstance(holder, dict):
-            return None
-    info = holder.get(slot)
+    """A slot's textureInfo; None where there is no texture."""
+    info: Any = material
+    for key in (*PLACES[slot].keys, slot):
+        info = info.get(key) if isinstance(info, dict) else None
     return info if isinstance(info, dict) and "index" in info else None  # an object without an index is not a texture
 
 
-def made_holder(material: Json, keys: tuple[str, ...]) -> Json:
-    """The object that keys lead to, which is made where it is not there."""
-    for key in keys:
+def made_holder(material: Json, slot: str) -> Json:
+    """The object of a material that holds a slot's textureInfo, which is made where it is not there."""
+    for key in PLACES[slot].keys:
         material = material.setdefault(key, {})
     return material
 
@@ -177,9 +165,7 @@ def slot_of(document: Document, material: Json, name: str, where: str) -> Slot |
         return None
     what = f"{name} of {where}"
     texture = document.one("textures", info.get("index"), what)
-    index = int(info["index"])
-    image = source_of(document, index, what)
-    document.one("images", image, what)
+    image = source_of(document, info["index"], what)
     sampler = texture.get("sampler")
     settings = {} if sampler is None else document.one("samplers", sampler, what)
     modes = [settings.get(key, _REPEATED) for key in ("wrapS", "wrapT")]
@@ -192,20 +178,19 @@ def slot_of(document: Document, material: Json, name: str, where: str) -> Slot |
     u, v = ("wrap" if mode == _REPEATED else "clamp" for mode in modes)
     return Slot(
         name,
-        index,
-        int(str(image)),
+        info["index"],
+        image,
         sampler,
         _mapping(document, info, what),
         (u, v),
         _MIRRORED in modes,
-        settings.get("minFilter") in _WITHOUT_LEVELS,
+        settings.get("minFilter") in (_NEAREST, _LINEAR),
         settings.get("magFilter") == _NEAREST,
     )
 
 
 def _mapping(document: Document, info: Json, what: str) -> Mapping2D:
-    extensions = member(info, "extensions", what, document.path)
-    transform = member(extensions, TRANSFORM, what, document.path)
+    transform = member(member(info, "extensions", what, document.path), TRANSFORM, what, document.path)
     try:
         # Two transforms are one where they differ by the rounding of an exporter.
         offset, scale = (

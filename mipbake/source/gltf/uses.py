@@ -1,6 +1,6 @@
 """What uses which texture, image, bufferView and buffer of a glTF document, in extensions that nobody here knows too.
 
-The core's uses are told exactly. In extensions, whole numbers beneath a key with "texture" or "image" in its name
+The core's uses are known exactly. In extensions, whole numbers beneath a key with "texture" or "image" in its name
 count as indices: too many are found rather than too few, and what is found to be used stays. `extras` hold no
 uses that anybody could know.
 """
@@ -8,31 +8,17 @@ uses that anybody could know.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterator
+from typing import Any, TypeAlias
 
-Json = dict[str, Any]
+from mipbake.source.gltf.document import Json, extensions_in
 
 _ELSEWHERE = ("asset", "extras", "textures", "images", "accessors", "bufferViews", "buffers")
 """Members of a document that name no texture and no image, or are looked at apart."""
 
 
-@dataclass(frozen=True, eq=False)
-class Use:
-    """A place that holds the index of a texture or an image.
-
-    Args:
-        parent: the object or array that it stands in. key: where in it.
-    """
-
-    parent: Any
-    key: str | int
-
-    @property
-    def index(self) -> int:
-        """What stands there."""
-        return int(self.parent[self.key])
+Use: TypeAlias = tuple[Any, int]
+"""An index, and the object or array that it stands in."""
 
 
 def texture_uses(document: Json) -> list[Use]:
@@ -40,19 +26,18 @@ def texture_uses(document: Json) -> list[Use]:
     return [use for word, use in _uses(document) if word == "texture"]
 
 
-def image_uses(document: Json) -> list[Use]:
-    """Every place that names an image: textures, their extensions, and extensions of anything else."""
-    found = [use for word, use in _uses(document) if word == "image"]
+def used_images(document: Json) -> set[int]:
+    """Images that are named: by textures, their extensions, and extensions of anything else."""
+    found = {index for word, (_, index) in _uses(document) if word == "image"}
     for texture in document.get("textures", []):
-        extensions = texture.get("extensions")
-        holders = [texture, *(extensions.values() if isinstance(extensions, dict) else [])]
-        found += [Use(h, "source") for h in holders if isinstance(h, dict) and _is_index(h.get("source"))]
+        holders = [texture, *extensions_in(texture).values()]
+        found |= {h["source"] for h in holders if isinstance(h, dict) and _is_index(h.get("source"))}
     return found
 
 
-def view_uses(document: Json) -> list[Use]:
-    """Every place that names a bufferView by the key `bufferView`."""
-    return [Use(each, "bufferView") for each in _objects(document) if _is_index(each.get("bufferView"))]
+def view_uses(document: Json) -> list[int]:
+    """The bufferViews that are named by the key `bufferView`, as often as they are."""
+    return [each["bufferView"] for each in _objects(document) if _is_index(each.get("bufferView"))]
 
 
 def buffer_uses(document: Json) -> list[Json]:
@@ -62,15 +47,14 @@ def buffer_uses(document: Json) -> list[Json]:
 
 def extensions_of(document: Json) -> set[str]:
     """Names of the extensions that some object has."""
-    return {n for each in _objects(document) if isinstance(each.get("extensions"), dict) for n in each["extensions"]}
+    return {name for each in _objects(document) for name in extensions_in(each)}
 
 
 def animated_members(document: Json) -> dict[int, set[str]]:
     """Members of materials that animations set through KHR_animation_pointer: material to paths within it."""
     found: dict[int, set[str]] = {}
     for each in _objects(document.get("animations")):
-        extensions = each.get("extensions")
-        target = extensions.get("KHR_animation_pointer") if isinstance(extensions, dict) else None
+        target = extensions_in(each).get("KHR_animation_pointer")
         pointer = target.get("pointer") if isinstance(target, dict) else None
         if isinstance(pointer, str) and (named := re.fullmatch(r"/materials/([0-9]{1,9})/(.+)", pointer)):
             found.setdefault(int(named[1]), set()).add(named[2])
@@ -100,22 +84,20 @@ def _uses(document: Json) -> Iterator[tuple[str, Use]]:
         elif key not in _ELSEWHERE:
             yield from _walked(value, ())
     for texture in document.get("textures", []):
-        extensions = texture.get("extensions")
-        for name, extension in extensions.items() if isinstance(extensions, dict) else ():
+        for extension in extensions_in(texture).values():
             # `source` is an image, as `image_uses` has it.
             others = {k: v for k, v in extension.items() if k != "source"} if isinstance(extension, dict) else extension
-            yield from _walked(others, (), inside=bool(name))
+            yield from _walked(others, (), inside=True)
 
 
 def _in_extensions(extensions: Any) -> Iterator[tuple[str, Use]]:
     """An extension's own name says nothing of the numbers in it: KHR_texture_transform holds no textures."""
-    if isinstance(extensions, dict):
-        for extension in extensions.values():
-            yield from _walked(extension, (), inside=True)
+    for extension in extensions.values() if isinstance(extensions, dict) else ():
+        yield from _walked(extension, (), inside=True)
 
 
-def _walked(node: Any, words: Sequence[str], inside: bool = False) -> Iterator[tuple[str, Use]]:
-    """`words` are the keys above, `inside` tells whether an extension is among them."""
+def _walked(node: Any, words: tuple[str, ...], inside: bool = False) -> Iterator[tuple[str, Use]]:
+    """`words` are the keys above, `inside` says whether an extension is among them."""
     members = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
     for key, value in members:
         if key == "extras":
@@ -125,12 +107,12 @@ def _walked(node: Any, words: Sequence[str], inside: bool = False) -> Iterator[t
             continue
         below = (*words, key.casefold()) if isinstance(key, str) else words
         if isinstance(value, dict) and _is_texture_info(key, value):
-            yield "texture", Use(value, "index")
-            yield from _walked({k: v for k, v in value.items() if k == "extensions"}, (), inside)
+            yield "texture", (value, value["index"])
+            yield from _in_extensions(value.get("extensions"))
         elif inside and _is_index(value):
             for word in ("texture", "image"):
                 if any(word in each for each in below):
-                    yield word, Use(node, key)
+                    yield word, (node, value)
         else:
             yield from _walked(value, below, inside)
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from mipbake.base.colour import LINEAR, SRGB, canonical_colour_space
 from mipbake.base.errors import UsageError
-from mipbake.source.mtlx.signal import Texture
+from mipbake.source.mtlx.trace import Texture
 from mipbake.source.options import COLOUR_ROLES
 from mipbake.source.sources import Log
 

@@ -20,6 +20,8 @@ Element: TypeAlias = "ElementTree.Element[str]"
 MAX_BYTES = 16 << 20
 """Far more than a document that points at textures needs."""
 
+_MOST = 64  # connections, or node graphs, in a row
+
 _INCLUDE = "{http://www.w3.org/2001/XInclude}include"
 _SHARED = ("colorspace", "fileprefix")
 
@@ -51,14 +53,8 @@ class Link:
     channels: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class Dangling:
-    """An input that is connected to something that is not there."""
-
-    text: str
-
-
-Given: TypeAlias = "Value | Link | Dangling | None"
+class UnreadError(Exception):
+    """What an input is connected to is not there, or cannot be read; the sentence says why."""
 
 
 @dataclass(frozen=True)
@@ -118,14 +114,15 @@ class Document:
         """What is said of a file outside the folder that all has to lie in."""
         return InputError(f"{self.path} names {name!r}, which is outside {self.within}: do not trust it")
 
-    def given(self, node: Element, name: str, scope: Scope) -> Given:
-        """What an input of a node is given; None where it is left at its default."""
+    def given(self, node: Element, name: str, scope: Scope) -> Value | Link | None:
+        """What an input of a node is given; None where it is left at its default. UnreadError where it is connected to
+        what is not there."""
         entry = _named(node, name, ("input",))
         return None if entry is None else self._resolved(entry, scope)
 
-    def source_of(self, link: Link) -> Link | Dangling:
+    def source_of(self, link: Link) -> Link:
         """A link to a node graph, or to a node that the document itself defines by one, followed to the node inside."""
-        for _ in range(64):
+        for _ in range(_MOST):
             graph, scope = link.node, Scope(link.node, None, link.scope)
             if graph.tag != "nodegraph":
                 definition = self._definition(link.node)
@@ -135,12 +132,13 @@ class Document:
             outputs = [e for e in graph if e.tag == "output"]
             chosen = [e for e in outputs if e.get("name") == link.output] or (outputs[:1] if not link.output else [])
             if not chosen:
-                return Dangling(f"the output {link.output or '(none)'} of {graph.get('name')}, which it does not have")
+                lacking = f"the output {link.output or '(none)'} of {graph.get('name')}"
+                raise UnreadError(f"{lacking}, which it does not have")
             inner = self._resolved(chosen[0], scope)
             if not isinstance(inner, Link):
-                return inner if isinstance(inner, Dangling) else Dangling(f"an empty output of {graph.get('name')}")
+                raise UnreadError(f"an empty output of {graph.get('name')}")
             link = Link(inner.node, inner.scope, inner.output, inner.channels + link.channels)
-        return Dangling("a loop of node graphs")
+        raise UnreadError("a loop of node graphs")
 
     def _definition(self, node: Element) -> Element | None:
         """The node graph in this document that implements a node of its own; None for nodes of the library."""
@@ -151,44 +149,40 @@ class Document:
                 return next((g for g in self.root.iterfind("nodegraph") if g.get("nodedef") == name), None)
         return None
 
-    def _resolved(self, entry: Element, scope: Scope, depth: int = 0) -> Given:
+    def _resolved(self, entry: Element, scope: Scope, depth: int = 0) -> Value | Link | None:
         """What an input or output element is given."""
-        if depth > 64:
-            return Dangling("a loop of connections")
+        if depth > _MOST:
+            raise UnreadError("a loop of connections")
         if "interfacename" in entry.attrib:
             return self._interface(entry.attrib["interfacename"], scope, depth)
         wanted = entry.get("nodename") or entry.get("nodegraph")
         output = entry.get("output", "")
         if wanted:
-            node = _named(scope.container, wanted, None)
             # A graph's own inputs may be fed by nodes beside the graph; names may carry the document's namespace.
-            outer: Scope | None = scope.outside
-            while node is None and outer is not None:
-                node, scope, outer = _named(outer.container, wanted, None), outer, outer.outside
-            if node is None:
-                return Dangling(f"{wanted}, which is not there")
-            channels = entry.get("channels")
-            return Link(node, scope, output, (channels,) if channels else ())
+            place: Scope | None = scope
+            while place is not None:
+                node = _named(place.container, wanted, None)
+                if node is not None:
+                    channels = entry.get("channels")
+                    return Link(node, place, output, (channels,) if channels else ())
+                place = place.outside
+            raise UnreadError(f"{wanted}, which is not there")
         if output:  # an output of the document
             shared = _named(self.root, output, ("output",))
-            return (
-                Dangling(f"the output {output}, which is not there")
-                if shared is None
-                else self._resolved(shared, self.scope, depth + 1)
-            )
+            if shared is None:
+                raise UnreadError(f"the output {output}, which is not there")
+            return self._resolved(shared, self.scope, depth + 1)
         return Value(entry.attrib["value"], entry) if "value" in entry.attrib else None
 
-    def _interface(self, name: str, scope: Scope, depth: int) -> Given:
-        outside = scope.outside or self.scope
-        own = None if scope.instance is None else _named(scope.instance, name, ("input",))
-        entry = own if own is not None else _named(scope.container, name, ("input",))
+    def _interface(self, name: str, scope: Scope, depth: int) -> Value | Link | None:
+        """What an input of the node graph or custom node around is given: there, or by its definition."""
         wanted = scope.container.get("nodedef")
-        if entry is None and wanted is not None:
-            definitions = (d for d in self.root.iterfind("nodedef") if d.get("name") == wanted)
-            entry = next((e for d in definitions if (e := _named(d, name, ("input",))) is not None), None)
+        definitions = [d for d in self.root.iterfind("nodedef") if wanted is not None and d.get("name") == wanted]
+        holders = [e for e in (scope.instance, scope.container, *definitions) if e is not None]
+        entry = next((e for holder in holders if (e := _named(holder, name, ("input",))) is not None), None)
         if entry is None:
-            return Dangling(f"the interface {name}, which is not there")
-        return self._resolved(entry, outside, depth + 1)
+            raise UnreadError(f"the interface {name}, which is not there")
+        return self._resolved(entry, scope.outside or self.scope, depth + 1)
 
 
 def read_document(path: Path, within: Path | None = None) -> Document:

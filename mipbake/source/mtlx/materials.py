@@ -15,8 +15,8 @@ from pathlib import Path
 from mipbake.base import disk
 from mipbake.base.errors import InputError
 from mipbake.base.safe_names import unique_name
-from mipbake.source.mtlx.document import Document, Element, Link, Scope, Value, read_document
-from mipbake.source.mtlx.roles import Sources, read_roles
+from mipbake.source.mtlx.document import Document, Element, Link, Scope, UnreadError, read_document
+from mipbake.source.mtlx.roles import read_roles
 from mipbake.source.mtlx.shaders import SHADERS
 from mipbake.source.mtlx.trace import Tracer
 from mipbake.source.options import LoadOptions
@@ -32,8 +32,6 @@ class MtlxMaterial:
 
     Args:
         name: safe as a folder name, and the document's only one of that name.
-        document: the file that it is from.
-        shader: its surface shader's kind, "standard_surface" and so on.
         options: what fills every role, with absolute paths. Every role is set, so that names decide nothing.
         files: the files of all its textures, with the files of all tiles.
         udim: whether names in `options.maps` hold <UDIM> or <UVTILE>: `tiles` is to be used then.
@@ -42,8 +40,6 @@ class MtlxMaterial:
     """
 
     name: str
-    document: Path
-    shader: str
     options: LoadOptions
     files: tuple[Path, ...]
     udim: bool
@@ -67,7 +63,7 @@ class MtlxMaterials:
     """The materials of a document that point at textures, in its order.
 
     `errors`: what is wrong with those whose textures are not there, a sentence each. A warning of the first material
-    tells of those that hold nothing to bake.
+    names those that hold nothing to bake.
     """
 
     materials: tuple[MtlxMaterial, ...]
@@ -115,12 +111,11 @@ def read_materialx(path: str | os.PathLike[str], within: Path | None = None) -> 
 
 @dataclass(frozen=True)
 class _Surface:
-    """A material's name, its surface shader, and the node that displaces it."""
+    """A material's name, its surface shader or why there is none, and the node that displaces it."""
 
     name: str
-    shader: Link | None
-    reason: str = ""
-    displacement: Link | None = None
+    shader: Link | str
+    displacement: Link | str = ""
 
 
 def _surfaces(document: Document) -> list[_Surface]:
@@ -131,48 +126,34 @@ def _surfaces(document: Document) -> list[_Surface]:
             continue
         scope = document.scope if container is document.root else Scope(container, None, document.scope)
         for node in container.iterfind("surfacematerial"):
-            shader, reason = _shader_of(document, node, "surfaceshader", scope)
-            displacement, _ = _shader_of(document, node, "displacementshader", scope)
-            found.append(_Surface(node.get("name", ""), shader, reason, displacement))
-    if found:
-        return found
-    alone = [node for node in document.root if node.tag in SHADERS]
-    return [_Surface(node.get("name", ""), Link(node, document.scope)) for node in alone]
+            shaders = (_shader_of(document, node, name, scope) for name in ("surfaceshader", "displacementshader"))
+            found.append(_Surface(node.get("name", ""), *shaders))
+    alone = (node for node in document.root if node.tag in SHADERS)
+    return found or [_Surface(node.get("name", ""), Link(node, document.scope)) for node in alone]
 
 
-def _shader_of(document: Document, node: Element, name: str, scope: Scope) -> tuple[Link | None, str]:
-    given = document.given(node, name, scope)
-    if not isinstance(given, Link):
-        return None, f"it has no {name}" if given is None or isinstance(given, Value) else f"it names {given.text}"
-    source = document.source_of(given)
-    return (source, "") if isinstance(source, Link) else (None, f"it names {source.text}")
+def _shader_of(document: Document, node: Element, name: str, scope: Scope) -> Link | str:
+    """The shader that an input is connected to; or why there is none."""
+    try:
+        given = document.given(node, name, scope)
+        return document.source_of(given) if isinstance(given, Link) else f"it has no {name}"
+    except UnreadError as error:
+        return f"it names {error}"
 
 
 def _material(document: Document, tracer: Tracer, surface: _Surface, where: str, taken: set[str]) -> MtlxMaterial:
     """What a surface says, before its files are looked for; InputError where it holds nothing to bake."""
-    if surface.shader is None:
-        raise InputError(f"{where} cannot be read ({surface.reason}): expected a surface shader")
+    if isinstance(surface.shader, str):
+        raise InputError(f"{where} cannot be read ({surface.shader}): expected a surface shader")
     node, scope = surface.shader.node, surface.shader.scope
     shader = SHADERS.get(node.tag)
     if shader is None:
         raise InputError(f"{where} is made of {node.tag}: expected one of {', '.join(SHADERS)}")
     log = Log(list(document.notes))
-    height = None
-    if surface.displacement is not None and surface.displacement.node.tag == "displacement":
-        height = tracer.input(surface.displacement.node, "displacement", surface.displacement.scope)
-    filled = read_roles(Sources(tracer, node, scope, shader, height), where, log)
-    options = filled.options
+    options = read_roles(tracer, node, scope, shader, surface.displacement, where, log)
     name = unique_name(surface.name or node.get("name", ""), "material", taken)
-    return MtlxMaterial(
-        name,
-        document.path,
-        node.tag,
-        replace(options, name=name),
-        (),
-        any(is_pattern(p) for p in _paths(options)),
-        tuple(log.notes),
-        tuple(log.warnings),
-    )
+    udim = any(is_pattern(path) for path in _paths(options))
+    return MtlxMaterial(name, replace(options, name=name), (), udim, tuple(log.notes), tuple(log.warnings))
 
 
 def _files(options: LoadOptions, where: str) -> tuple[Path, ...]:

@@ -1,38 +1,24 @@
 """What reaches an input of a MaterialX shader: channels of textures, scaled and shifted, or constants.
 
-Node graphs are read symbolically. Every channel of a signal is an affine function of one channel of a texture, a
-constant, or something that cannot be read, and why.
+Node graphs are read symbolically: every channel of a signal is an affine function of one channel of a texture, or a
+constant. What is neither is an UnreadError, which says why.
 """
 
 from __future__ import annotations
 
+import math
+import operator
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
-from mipbake.source.mtlx.document import Dangling, Document, Element, Given, Link, Scope, Value
-from mipbake.source.mtlx.signal import (
-    LETTERS,
-    POSITIONS,
-    Channel,
-    Signal,
-    Texture,
-    constant,
-    converted,
-    each,
-    minus,
-    numbers,
-    picked,
-    plus,
-    taken,
-    times,
-    unread,
-)
+from mipbake.source.mtlx.document import Document, Element, Link, Scope, UnreadError, Value
 
-USD_IMAGE = "UsdUVTexture"
-IMAGES = ("image", "tiledimage", "gltf_image", "gltf_colorimage", "gltf_normalmap", "gltf_anisotropy_image", USD_IMAGE)
+_USD = "UsdUVTexture"
+_IMAGES = ("image", "tiledimage", "gltf_image", "gltf_colorimage", "gltf_normalmap", "gltf_anisotropy_image", _USD)
 
-MAX_DEPTH = 48
+_MAX_DEPTH = 48
 """Nodes in a row that are followed: far more than there are between a texture and its shader."""
 
 _ADDRESS = {"periodic": "wrap", "repeat": "wrap", "clamp": "clamp", "mirror": "mirror", "constant": "constant"}
@@ -40,64 +26,120 @@ _ADDRESS |= {"black": "constant"}
 _PLACING = {"uvtiling": 1.0, "uvoffset": 0.0, "realworldimagesize": 1.0, "realworldtilesize": 1.0, "scale": 1.0}
 _PLACING |= {"offset": 0.0, "rotate": 0.0, "uvindex": 0.0, "texcoord": 0.0, "st": 0.0, "frameoffset": 0.0}
 
+_LETTERS = {"float": "R", "vector2": "RG", "color3": "RGB", "vector3": "RGB", "color4": "RGBA", "vector4": "RGBA"}
+"""The channels of a file that an image node of a type gives."""
+
+_POSITIONS = {letter: index for letters in ("rgba", "xyzw") for index, letter in enumerate(letters)}
+
+
+@dataclass(frozen=True)
+class Texture:
+    """An image node's file.
+
+    Args:
+        path: the file, or a pattern of tiles.
+        node: the image node's name and kind.
+        type: the type of the node: "float", "color3", ...
+        colour_space: as the document names it; None where it says nothing.
+        inherited: whether that is said of something around the node only.
+        wrap: addressing along u and v: "wrap", "clamp", "mirror" or "constant".
+        placement: everything that moves the texture over the surface; equal for textures that lie on each other.
+    """
+
+    path: Path
+    node: str
+    type: str
+    colour_space: str | None
+    inherited: bool
+    wrap: tuple[str, str]
+    placement: tuple[Any, ...]
+
+
+@dataclass(frozen=True)
+class Channel:
+    """gain * texture[letter] + offset; offset alone without a texture."""
+
+    texture: Texture | None = None
+    letter: str = ""
+    gain: float = 0.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class Signal:
+    """Channels, and for tangent-space normals that a normalmap node has decoded its scale."""
+
+    channels: tuple[Channel, ...]
+    normal_scale: tuple[float, ...] | None = None
+
+    @property
+    def texture(self) -> Texture | None:
+        """The one texture that all channels come from; None where there is none, or more than one."""
+        several = {c.texture for c in self.channels}
+        return several.pop() if len(several) == 1 else None
+
+    @property
+    def numbers(self) -> tuple[float, ...] | None:
+        """The values of a constant; None for anything else."""
+        return None if any(c.texture for c in self.channels) else tuple(c.offset for c in self.channels)
+
 
 @dataclass
 class Tracer:
     """Follows the inputs of one document; every node is visited once."""
 
     document: Document
-    _seen: dict[tuple[int, int, int, str], Signal | None] = field(default_factory=dict)
+    _seen: dict[tuple[int, int, int, str], Signal | UnreadError] = field(default_factory=dict)
     _depth: int = 0
 
     def input(self, node: Element, name: str, scope: Scope) -> Signal | None:
-        """What an input of a node holds; None where it is left at its default."""
-        return self._signal(self.document.given(node, name, scope))
-
-    def trace(self, link: Link) -> Signal:
-        """What an output of a node holds."""
-        source = self.document.source_of(link)
-        if isinstance(source, Dangling):
-            return unread(source.text)
-        node, scope = source.node, source.scope
-        key = (id(node), id(scope.container), id(scope.instance), source.output)
-        if key not in self._seen:
-            if self._depth >= MAX_DEPTH:
-                return unread(f"more than {MAX_DEPTH} nodes in a row")
-            self._seen[key] = None  # at work: who comes here again has gone in a circle
-            operation = _NODES.get(node.tag)
-            self._depth += 1
-            self._seen[key] = unread(_label(node)) if operation is None else operation(_At(self, node, scope, source))
-            self._depth -= 1
-        signal = self._seen[key]
-        if signal is None:
-            return unread(f"a loop through {node.get('name')}")
-        for letters in source.channels:
-            signal = taken(signal, letters)
-        return signal
-
-    def _signal(self, given: Given) -> Signal | None:
+        """What an input of a node holds; None where it is left at its default. UnreadError where it cannot be read."""
+        given = self.document.given(node, name, scope)
+        if isinstance(given, Link):
+            return self._traced(given)
         if given is None:
             return None
-        if isinstance(given, Dangling):
-            return unread(given.text)
-        if isinstance(given, Value):
-            values = numbers(given.text)
-            return unread(f"the value {given.text!r}") if values is None else constant(*values)
-        return self.trace(given)
+        values = _numbers(given.text)
+        if values is None:
+            raise UnreadError(f"the value {given.text!r}")
+        return _constant(*values)
+
+    def _traced(self, link: Link) -> Signal:
+        """What an output of a node holds."""
+        source = self.document.source_of(link)
+        node = source.node
+        key = (id(node), id(source.scope.container), id(source.scope.instance), source.output)
+        if key not in self._seen:
+            if self._depth >= _MAX_DEPTH:
+                raise UnreadError(f"more than {_MAX_DEPTH} nodes in a row")
+            self._seen[key] = UnreadError(f"a loop through {node.get('name')}")  # for who comes here again meanwhile
+            self._depth += 1
+            try:
+                at = _At(self, node, source.scope, source.output)
+                self._seen[key] = _NODES.get(node.tag, _unknown)(at)
+            except UnreadError as error:
+                self._seen[key] = error
+            self._depth -= 1
+        signal = self._seen[key]
+        if isinstance(signal, UnreadError):
+            raise signal
+        for letters in source.channels:
+            signal = _taken(signal, letters)
+        return signal
 
 
 @dataclass(frozen=True)
 class _At:
-    """A node that is being read."""
+    """A node that is being read, for one of its outputs."""
 
     tracer: Tracer
     node: Element
     scope: Scope
-    link: Link
+    output: str
 
     def given(self, name: str, default: float = 0) -> Signal:
         signal = self.tracer.input(self.node, name, self.scope)
-        return constant(default) if signal is None else signal
+        return _constant(default) if signal is None else signal
 
     def text(self, name: str) -> str | None:
         given = self.tracer.document.given(self.node, name, self.scope)
@@ -105,16 +147,79 @@ class _At:
 
     @property
     def label(self) -> str:
-        return _label(self.node)
+        return f"the node {self.node.tag} ({self.node.get('name')})"
+
+    def each(self, operation: Callable[[Channel, Channel], Channel], left: Signal, right: Signal) -> Signal:
+        """An operation channel by channel; a single channel meets all of the other signal's."""
+        if left.normal_scale or right.normal_scale:
+            raise UnreadError(f"{self.label} on normals")
+        count = max(len(left.channels), len(right.channels))
+        a, b = (s.channels * count if len(s.channels) == 1 else s.channels for s in (left, right))
+        if any(x.texture and y.texture for x, y in zip(a, b, strict=False)):
+            raise UnreadError(f"{self.label} of two textures")
+        return Signal(tuple(operation(x, y) for x, y in zip(a, b, strict=False)))
 
 
-def _label(node: Element) -> str:
-    return f"the node {node.tag} ({node.get('name')})"
+def _constant(*values: float) -> Signal:
+    return Signal(tuple(Channel(offset=v) for v in values))
+
+
+def _numbers(text: str) -> tuple[float, ...] | None:
+    """The numbers that a value holds; None where it holds anything else, or a number that is not finite."""
+    if text.strip() in ("true", "false"):
+        return (float(text.strip() == "true"),)
+    try:
+        found = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        return None
+    return found if all(map(math.isfinite, found)) else None
+
+
+def _picked(signal: Signal, index: int) -> Signal:
+    if not 0 <= index < len(signal.channels):
+        raise UnreadError(f"channel {index} of {len(signal.channels)}")
+    return Signal((signal.channels[index],))
+
+
+def _taken(signal: Signal, letters: str) -> Signal:
+    """A swizzle: letters of rgba or xyzw, and 0 and 1 for constants."""
+    if not letters:
+        return signal
+    values = dict(zip("01", _constant(0, 1).channels, strict=True))
+    values |= {c: signal.channels[i] for c, i in _POSITIONS.items() if i < len(signal.channels)}
+    if not set(letters) <= values.keys():
+        raise UnreadError(f"the channels {letters}")
+    return Signal(tuple(values[letter] for letter in letters))
+
+
+# Of two channels, one at the most has a texture; a constant has no gain.
+def _sum(sign: Callable[[float, float], float]) -> Callable[[Channel, Channel], Channel]:
+    return lambda a, b: Channel(
+        a.texture or b.texture, a.letter or b.letter, sign(a.gain, b.gain), sign(a.offset, b.offset)
+    )
+
+
+_plus, _minus = _sum(operator.add), _sum(operator.sub)
+
+
+def _times(a: Channel, b: Channel) -> Channel:
+    gain = a.gain * b.offset + a.offset * b.gain
+    return Channel(a.texture or b.texture, a.letter or b.letter, gain, a.offset * b.offset)
+
+
+def _unknown(at: _At) -> Signal:
+    raise UnreadError(at.label)
 
 
 def _extracted(at: _At) -> Signal:
     index = at.given("index").numbers
-    return picked(at.given("in"), int(index[0]) if index else -1)
+    return _picked(at.given("in"), int(index[0]) if index else -1)
+
+
+def _converted(at: _At) -> Signal:
+    """As many channels as the type has: one is repeated, a missing alpha is 1, others are cut off."""
+    count, channels = len(_LETTERS.get(at.node.get("type", ""), "RGB")), at.given("in").channels
+    return Signal((channels * count if len(channels) == 1 else (*channels, Channel(offset=1)))[:count])
 
 
 def _combined(at: _At) -> Signal:
@@ -125,49 +230,47 @@ def _combined(at: _At) -> Signal:
 def _divided(at: _At) -> Signal:
     divisor = at.given("in2", 1).numbers
     if divisor is None or 0 in divisor:
-        return unread(at.label)
-    return each(times, at.given("in1"), constant(*(1 / d for d in divisor)), at.label)
+        raise UnreadError(at.label)
+    return at.each(_times, at.given("in1"), _constant(*(1 / d for d in divisor)))
 
 
 def _mixed(at: _At) -> Signal:
     share = at.given("mix")
-    front = each(times, at.given("fg"), share, at.label)
-    back = each(times, at.given("bg"), each(minus, constant(1), share, at.label), at.label)
-    return each(plus, front, back, at.label)
+    back = at.each(_times, at.given("bg"), at.each(_minus, _constant(1), share))
+    return at.each(_plus, at.each(_times, at.given("fg"), share), back)
 
 
 def _clamped(at: _At) -> Signal:
     """Textures of [0, 1] stay in it, and what a factor drives out of it is clipped after decoding anyway."""
     low, high = at.given("low", 0).numbers or (), at.given("high", 1).numbers or ()
-    return at.given("in") if (set(low), set(high)) == ({0}, {1}) else unread(at.label)
+    return at.given("in") if (set(low), set(high)) == ({0}, {1}) else _unknown(at)
 
 
 def _remapped(at: _At) -> Signal:
     ends = [at.given(n, d).numbers for n, d in (("inlow", 0), ("inhigh", 1), ("outlow", 0), ("outhigh", 1))]
     values = [e[0] for e in ends if e is not None and len(set(e)) == 1]
     if len(values) < len(ends) or values[0] == values[1] or at.given("gamma", 1).numbers != (1,):
-        return unread(at.label)
+        raise UnreadError(at.label)
     gain = (values[3] - values[2]) / (values[1] - values[0])
-    scaled = each(times, at.given("in"), constant(gain), at.label)
-    return each(plus, scaled, constant(values[2] - gain * values[0]), at.label)
+    return at.each(_plus, at.each(_times, at.given("in"), _constant(gain)), _constant(values[2] - gain * values[0]))
 
 
 def _normal_map(at: _At) -> Signal:
     space, scale = at.text("space") or "tangent", at.given("scale", 1).numbers
     if space != "tangent":
-        return unread(f"a normal map in {space} space ({at.node.get('name')})")
+        raise UnreadError(f"a normal map in {space} space ({at.node.get('name')})")
     if scale is None:
-        return unread(f"a normal map whose scale is not a constant ({at.node.get('name')})")
+        raise UnreadError(f"a normal map whose scale is not a constant ({at.node.get('name')})")
     return replace(at.given("in"), normal_scale=scale)
 
 
 def _image(at: _At) -> Signal:
-    document, node, scope = at.tracer.document, at.node, at.scope
-    file = document.given(node, "file", scope)
+    document, node = at.tracer.document, at.node
+    file = document.given(node, "file", at.scope)
     if not isinstance(file, Value) or not file.text.strip():
-        return unread(f"an image node without a file ({node.get('name')})")
+        raise UnreadError(f"an image node without a file ({node.get('name')})")
     kind = {"gltf_normalmap": "vector3", "gltf_anisotropy_image": "vector3"}.get(node.tag, node.get("type", ""))
-    kind = kind if kind in LETTERS else "color4"  # a node of several outputs
+    kind = kind if kind in _LETTERS else "color4"  # a node of several outputs
     space = document.attribute("colorspace", file.element)
     if space is None or space[1] is not file.element:
         space = document.attribute("colorspace", node) or space
@@ -180,25 +283,21 @@ def _image(at: _At) -> Signal:
         space[0] if space else None,
         space is not None and space[1] not in (node, file.element),
         (_address(at, "uaddressmode", "wrapS"), _address(at, "vaddressmode", "wrapT")),
-        _placement(document, node, scope, 0),
+        _placement(document, node, at.scope, 0),
     )
-    signal = Signal(tuple(Channel(texture, letter, 1) for letter in LETTERS[kind]))
-    gains = {"gltf_image": "factor", "gltf_colorimage": "color", USD_IMAGE: "scale"}.get(node.tag)
+    signal = Signal(tuple(Channel(texture, letter, 1) for letter in _LETTERS[kind]))
+    gains = {"gltf_image": "factor", "gltf_colorimage": "color", _USD: "scale"}.get(node.tag)
     if gains:
-        signal = each(times, signal, at.given(gains, 1), at.label)
-    if node.tag == USD_IMAGE:
-        signal = each(plus, signal, at.given("bias", 0), at.label)
-    return _output(signal, node.tag, at.link.output.removeprefix("out").lower())
-
-
-def _output(signal: Signal, kind: str, letter: str) -> Signal:
-    """What an output of an image node takes of its channels."""
-    if kind == "gltf_normalmap":
+        signal = at.each(_times, signal, at.given(gains, 1))
+    if node.tag == _USD:
+        signal = at.each(_plus, signal, at.given("bias", 0))
+    if node.tag == "gltf_normalmap":
         return replace(signal, normal_scale=(1.0,))
-    if kind == "gltf_anisotropy_image":
-        return picked(signal, 2)
-    if letter in POSITIONS:
-        return picked(signal, POSITIONS[letter])
+    if node.tag == "gltf_anisotropy_image":
+        return _picked(signal, 2)
+    letter = at.output.removeprefix("out").lower()
+    if letter in _POSITIONS:
+        return _picked(signal, _POSITIONS[letter])
     return Signal(signal.channels[:3]) if letter in ("color", "rgb") else signal
 
 
@@ -212,13 +311,16 @@ def _placement(document: Document, node: Element, scope: Scope, depth: int) -> t
     placed: list[tuple[Any, ...]] = []
     for entry in node:
         name = entry.get("name", "")
-        places = depth or (name in _PLACING and not (node.tag == USD_IMAGE and name == "scale"))
+        places = depth or (name in _PLACING and not (node.tag == _USD and name == "scale"))
         if entry.tag != "input" or not places or depth > 16:
             continue
-        given = document.given(node, name, scope)
-        source = document.source_of(given) if isinstance(given, Link) else given
+        try:
+            given = document.given(node, name, scope)
+            source = document.source_of(given) if isinstance(given, Link) else given
+        except UnreadError:  # as if it were not there
+            continue
         if isinstance(source, Value):
-            values = numbers(source.text)
+            values = _numbers(source.text)
             if values is None or any(v != _PLACING.get(name, 0.0) for v in values):
                 placed.append((name, values or source.text))
         elif isinstance(source, Link):
@@ -229,23 +331,23 @@ def _placement(document: Document, node: Element, scope: Scope, depth: int) -> t
 
 
 _NODES: Mapping[str, Callable[[_At], Signal]] = {
-    **dict.fromkeys(IMAGES, _image),
+    **dict.fromkeys(_IMAGES, _image),
     **dict.fromkeys(("dot", "normalize"), lambda at: at.given("in")),
     **dict.fromkeys(
         ("separate2", "separate3", "separate4"),
-        lambda at: picked(at.given("in"), POSITIONS.get(at.link.output[-1:].lower(), -1)),
+        lambda at: _picked(at.given("in"), _POSITIONS.get(at.output[-1:].lower(), -1)),
     ),
     **dict.fromkeys(("combine2", "combine3", "combine4"), _combined),
     **dict.fromkeys(("remap", "range"), _remapped),
     "constant": lambda at: at.given("value"),
     "normalmap": _normal_map,
-    "convert": lambda at: converted(at.given("in"), at.node.get("type", "")),
-    "swizzle": lambda at: taken(at.given("in"), at.text("channels") or ""),
+    "convert": _converted,
+    "swizzle": lambda at: _taken(at.given("in"), at.text("channels") or ""),
     "extract": _extracted,
-    "invert": lambda at: each(minus, at.given("amount", 1), at.given("in"), at.label),
-    "add": lambda at: each(plus, at.given("in1"), at.given("in2"), at.label),
-    "subtract": lambda at: each(minus, at.given("in1"), at.given("in2"), at.label),
-    "multiply": lambda at: each(times, at.given("in1"), at.given("in2", 1), at.label),
+    "invert": lambda at: at.each(_minus, at.given("amount", 1), at.given("in")),
+    "add": lambda at: at.each(_plus, at.given("in1"), at.given("in2")),
+    "subtract": lambda at: at.each(_minus, at.given("in1"), at.given("in2")),
+    "multiply": lambda at: at.each(_times, at.given("in1"), at.given("in2", 1)),
     "divide": _divided,
     "mix": _mixed,
     "clamp": _clamped,

@@ -28,7 +28,7 @@ from mipbake.source.images.blocks import from_blocks
 from mipbake.source.options import CARRIED, SHADING_ROLES
 from mipbake.source.texture_set import TextureSet
 from mipbake.stack.gltf.glb_plain import PlainCost, averaged_files
-from mipbake.stack.gltf.quad import QuadOptions, standalone
+from mipbake.stack.gltf.quad import standalone
 from mipbake.stack.gltf.ranges import Ranges, usual_ranges
 from mipbake.stack.gltf.write import GltfResult, rewritten
 from mipbake.stack.gpu_files import KTX2, GpuFile
@@ -40,17 +40,6 @@ from mipbake.stack.stack import Fingerprint, MipStack
 _OUTPUT = Output(f"ktx2:{GLB_TEXELS[0]}", "orm", Normals("opengl"))
 
 
-def _slots(lobe: Lobe) -> dict[str, str]:
-    """File of a stack to the slot that it fills."""
-    return {
-        "base_color": BASE_COLOUR,
-        "orm": lobe.roughness,
-        "normal": lobe.normal,
-        "anisotropy": ANISOTROPIC,
-        "emissive": EMISSIVE,
-    }
-
-
 @dataclass(frozen=True, eq=False)
 class Encoded:
     """The textures of a stack for a glTF material.
@@ -60,7 +49,7 @@ class Encoded:
         files: the same decoded, as they will be sampled, before factors of the material multiply them.
         left_out: which maps of the stack are in no texture, in sentences.
         ranges: those factors.
-        measured: what the files give back, as `mipbake.Check.glb` tells it; None where that was not measured.
+        measured: what the files give back, as `mipbake.Check.glb` returns it; None where that was not measured.
     """
 
     maps: Mapping[str, bytes]
@@ -85,7 +74,7 @@ def encoded(
         stack: whose sides are multiples of `SIDE`.
         slots: that may be filled; None for all.
         levels: how many of each texture; None for all.
-        progress: told the finished share, from 0 to 1.
+        progress: gets the finished share, from 0 to 1.
         lobe: of the material, whose slots are filled.
         ranges: of the values in them; None for those that suit most stacks.
         texels: of files of the stack that shall have others than `uastc`, by name.
@@ -106,14 +95,28 @@ def encoded(
         levels = [stood_for(level, container, file.layout) for level in found]
         return data, replace(file, container=container, levels=levels)
 
+    slot_named = {
+        "base_color": BASE_COLOUR,
+        "orm": lobe.roughness,
+        "normal": lobe.normal,
+        "anisotropy": ANISOTROPIC,
+        "emissive": EMISSIVE,
+    }
     wanted = {
         slot: ranges.stored(file)
         for file in planned(_OUTPUT, stack, levels)
-        if (slot := _slots(lobe).get(file.layout.name)) is not None
+        if (slot := slot_named.get(file.layout.name)) is not None
         and (slots is None or slot in slots)
         and file.container.texels == GLB_TEXELS[0]
     }
-    made = {}
+    for file in wanted.values():
+        height, width = file.levels[0].shape[:2]
+        if width % SIDE or height % SIDE:
+            raise UsageError(
+                f"the map {file.layout.name} of {stack.name} is {width} x {height} texels: KHR_texture_basisu takes "
+                f"multiples of {SIDE}, resample it first"
+            )
+    made: dict[str, tuple[bytes, MapFile]] = {}
     with ThreadPoolExecutor(max(1, os.cpu_count() or 1)) as pool:
         for slot, each in zip(wanted, pool.map(encode, wanted.values()), strict=True):
             made[slot] = each
@@ -141,22 +144,17 @@ def output(finer: Sequence[str] = ()) -> Output:
 
 def square(stack: MipStack, made: Encoded, cutoff: float | None) -> bytes:
     """A GLB of one square with the material of a stack. `cutoff`: what opacity is tested against; None: blended."""
-    with_opacity = "opacity" in stack.extra
-    mode = "OPAQUE" if not with_opacity else "BLEND" if cutoff is None else "MASK"
-    options = QuadOptions(
-        wrap=stack.wrap,
-        occlusion="occlusion" in stack.extra,
-        alpha_mode=mode,
-        alpha_cutoff=0.5 if cutoff is None else cutoff,
-        ranges=made.ranges,
-    )
-    return standalone(stack.name, made.maps, options, _about(stack, made))
+    alpha: dict[str, Any] | None = None
+    if "opacity" in stack.extra:
+        alpha = {"alphaMode": "BLEND"} if cutoff is None else {"alphaMode": "MASK", "alphaCutoff": cutoff}
+    about, occlusion = _about(stack, made), "occlusion" in stack.extra
+    return standalone(stack.name, made.maps, about, stack.wrap, occlusion, alpha, made.ranges)
 
 
 def _about(stack: MipStack, made: Encoded) -> dict[str, Any]:
     """How textures were made, and what they give back, for `asset.extras.mipbake`."""
-    told: dict[str, Any] = json.loads(stack.about())
-    return told if made.measured is None else {**told, "measured": made.measured}
+    about: dict[str, Any] = json.loads(stack.about())
+    return about if made.measured is None else {**about, "measured": made.measured}
 
 
 def save_document(
@@ -211,14 +209,10 @@ def made_from(path: Path) -> Mapping[str, Any] | None:
     """What a GLB of a document says of how it was made; None for a file that mipbake did not make, or for none."""
     try:
         content: Any = json_text.parsed(unpacked(path.read_bytes(), str(path)).text)
-        told = content["asset"]["extras"]["mipbake"]
+        about = content["asset"]["extras"]["mipbake"]
     except (InputError, OSError, ValueError, KeyError, TypeError):
         return None
-    return told if isinstance(told, dict) else {}
-
-
-def _multiple(side: int) -> int:
-    return -(-side // SIDE) * SIDE
+    return about if isinstance(about, dict) else {}
 
 
 def multiple_of_side(texture_set: TextureSet) -> TextureSet:
@@ -226,7 +220,7 @@ def multiple_of_side(texture_set: TextureSet) -> TextureSet:
 
     Emission, which does not share the texels, is enlarged by whole factors: every texel keeps its value.
     """
-    width, height = (_multiple(side) for side in (texture_set.width, texture_set.height))
+    width, height = (-(-side // SIDE) * SIDE for side in (texture_set.width, texture_set.height))
     maps = dict(texture_set.maps)
     for role, each in texture_set.maps.items():
         if role in SHADING_ROLES:

@@ -7,18 +7,16 @@ import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.base.colour import SRGB, decode, unit_range
 from mipbake.base.publish import temporary_folder
 from mipbake.base.version import __version__
 from mipbake.material.fill import fill
 from mipbake.material.pixel_filter import filtered_levels
 from mipbake.source.gltf.document import Document
-from mipbake.source.gltf.extracted import Extracted
+from mipbake.source.gltf.images import Images
 from mipbake.source.gltf.plain import PlainTexture, shown_by
 from mipbake.source.gltf.slots import COLOUR
 from mipbake.source.images import ktx2
@@ -89,25 +87,16 @@ def averaged_files(
         return texture, b"" if cost.stays else ktx2.encoded(made, supercompress=True), cost
 
     with temporary_folder() as folder, ThreadPoolExecutor(max(1, os.cpu_count() or 1)) as pool:
-        images = _Images(document, folder)
-        return list(pool.map(encode, ((texture, images.pixels_of(texture)) for texture in plain)))
+        images = Images(document, folder)
+        return list(pool.map(encode, ((texture, _pixels(images, texture)) for texture in plain)))
 
 
-class _Images:
-    """The images of a document, decoded."""
-
-    def __init__(self, document: Document, folder: Path) -> None:
-        self._images = Extracted(document, folder)
-
-    def pixels_of(self, texture: PlainTexture) -> Image:
-        """(H, W, 3), or 4 with the alpha that is read, in [0, 1], linear."""
-        header, stored = self._images.header(texture.image), self._images.pixels(texture.image)
-        several = header.channels - (header.alpha >= 0) >= 3
-        colours = np.broadcast_to(stored[..., :3] if several else stored[..., :1], (*stored.shape[:2], 3))
-        parts = [decode(colours, SRGB) if texture.holds == COLOUR else unit_range(colours)]
-        if texture.alpha:
-            parts.append(unit_range(stored[..., header.alpha : header.alpha + 1]))
-        return np.ascontiguousarray(np.concatenate(parts, -1))
+def _pixels(images: Images, texture: PlainTexture) -> Image:
+    """(H, W, 3), or 4 with the alpha that is read, in [0, 1], linear."""
+    colours, alpha = images.linear(texture.image, texture.holds == COLOUR)
+    return np.ascontiguousarray(
+        np.concatenate([colours, alpha], -1) if texture.alpha and alpha is not None else colours
+    )
 
 
 def _psnr(made: GpuTexture, wanted: NDArray[np.generic]) -> float:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +14,7 @@ from mipbake.base.srgb import srgb_to_linear
 from mipbake.material.aim import sampler_from
 from mipbake.material.pixel_filter import filter_named
 from mipbake.source.gltf.document import Document, Json, member, number, read_document
-from mipbake.source.gltf.images import KTX2, source_of, stored_image
+from mipbake.source.gltf.images import KTX2, stored_image
 from mipbake.source.gltf.slots import (
     ANISOTROPIC,
     ANISOTROPY,
@@ -53,7 +52,10 @@ def stack_in_glb(path: Path, job: Job, texture_set: TextureSet) -> MipStack:
         InputError: the GLB is broken, was not made by mipbake, or was made of another source.
     """
     made = read_document(path)
-    about = _about(made)
+    extras = made.json["asset"].get("extras")
+    about = extras.get("mipbake") if isinstance(extras, dict) else None
+    if not isinstance(about, dict):
+        raise InputError(f"{path} was not made by mipbake: expected the GLB that `mipbake bake` wrote")
     if job.bake is None or job.document is None:
         if "materials" in about:
             raise InputError(f"{path} was baked from a glTF file: expected that as its source, not {job.source}")
@@ -64,18 +66,8 @@ def stack_in_glb(path: Path, job: Job, texture_set: TextureSet) -> MipStack:
             f"{path} holds nothing that was baked for {job.bake.name} of {job.source}: expected what `mipbake bake` "
             "made of it"
         )
-    before = job.document.all("materials")[index]
-    reader = _Reader(made, index, job.bake.lobe, job.bake.slots, before)
+    reader = _Reader(made, index, job.bake.lobe, job.bake.slots, job.document.all("materials")[index])
     return reader.stack(texture_set, about["materials"][job.bake.name])
-
-
-def _about(made: Document) -> dict[str, Any]:
-    """What mipbake wrote into a GLB about its maps."""
-    extras = made.json["asset"].get("extras")
-    about = extras.get("mipbake") if isinstance(extras, dict) else None
-    if not isinstance(about, dict):
-        raise InputError(f"{made.path} was not made by mipbake: expected the GLB that `mipbake bake` wrote")
-    return about
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,14 +109,18 @@ class _Reader:
                 f"{self.made.path}: the textures of {self.where} have different sizes: expected what `mipbake bake` "
                 "wrote"
             )
-        roughness, metallic = self.factors()
+        holder = holder_of(self.material, self.lobe.roughness, self.where, self.made)
+        factors = [self.number(holder, name, default) for name, default in self.lobe.factors]
+        roughness, metallic = (*factors, 0.0)[:2]  # a clearcoat has no metallic
+        mean = texture_set.maps["base_color"].pixels.mean((0, 1), np.float64).astype(np.float32)
         levels = []
-        for at, (height, width) in enumerate(sizes[:count]):
+        for at, size in enumerate(sizes[:count]):
+            alone = np.ones((*size, 3), np.float32)
             parts = [
-                _constant(texture_set, "base_color", height, width) if base is None else base[at] * self.tint(),
-                _of(packed, at, slice(2, 3), metallic, (height, width)),
-                _of(packed, at, slice(1, 2), roughness, (height, width)),
-                self.normals(None if normal is None else normal[at], (height, width)),
+                np.broadcast_to(mean, (*size, len(mean))) if base is None else base[at] * self.tint(),
+                (alone if packed is None else packed[at])[..., 2:3] * np.float32(metallic),
+                (alone if packed is None else packed[at])[..., 1:2] * np.float32(roughness),
+                self.normals(normal[at]) if normal is not None else alone * np.array([0, 0, 1], np.float32),
             ]
             if directions is not None:
                 parts.append(self.directions(directions[at]))
@@ -134,11 +130,11 @@ class _Reader:
 
     def levels(self, slot: str) -> Levels | None:
         """(H_L, W_L, 3) in [0, 1], colours linear; None where there is no texture, or one that was not baked."""
-        if info_of(self.material, slot) is None or (self.slots is not None and slot not in self.slots):
+        known = info_of(self.material, slot) is not None and (self.slots is None or slot in self.slots)
+        found = slot_of(self.made, self.material, slot, self.where) if known else None
+        if found is None:
             return None
-        found = slot_of(self.made, self.material, slot, self.where)
-        image = source_of(self.made, found.texture if found else None, slot)
-        data, kind = stored_image(self.made, image, f"{slot} of {self.where}")
+        data, kind = stored_image(self.made, found.image, f"{slot} of {self.where}")
         what = f"{slot} of {self.where} of {self.made.path}"
         if kind is not KTX2:
             raise InputError(f"{what} is not a KTX 2 texture: expected levels that `mipbake bake` wrote")
@@ -152,12 +148,6 @@ class _Reader:
     def number(self, holder: Json, name: str, default: float, most: float = 1e6) -> float:
         return number(holder.get(name, default), f"{name} of {self.where}", self.made.path, -most, most)
 
-    def factors(self) -> tuple[float, float]:
-        """The factors of roughness and metallic; a clearcoat has no metallic."""
-        holder = holder_of(self.material, self.lobe.roughness, self.where, self.made)
-        first, *others = (self.number(holder, name, default) for name, default in self.lobe.factors)
-        return first, others[0] if others else 0.0
-
     def tint(self) -> NDArray[np.float32]:
         """(3,) factor of the base colour, relative to the factor of the source."""
         found = [
@@ -166,9 +156,7 @@ class _Reader:
         ]
         return np.where(found[1] > 0, found[0] / np.maximum(found[1], 1e-6), np.float32(1)).astype(np.float32)
 
-    def normals(self, level: NDArray[np.float32] | None, size: tuple[int, int]) -> NDArray[np.float32]:
-        if level is None:
-            return np.broadcast_to(np.array([0, 0, 1], np.float32), (*size, 3))
+    def normals(self, level: NDArray[np.float32]) -> NDArray[np.float32]:
         scale = self.number(info_of(self.material, self.lobe.normal) or {}, "scale", 1.0)
         return np.asarray((level * 2 - 1) * np.array([scale, scale, 1], np.float32))
 
@@ -198,16 +186,3 @@ class _Reader:
             raise InputError(
                 f"{self.made.path} does not say how its textures were made ({error}): bake it again"
             ) from error
-
-
-def _constant(texture_set: TextureSet, role: str, height: int, width: int) -> NDArray[np.float32]:
-    """The mean of a map that no texture holds, everywhere."""
-    mean = texture_set.maps[role].pixels.mean((0, 1), np.float64).astype(np.float32)
-    return np.broadcast_to(mean, (height, width, len(mean)))
-
-
-def _of(packed: Levels | None, at: int, channel: slice, factor: float, size: tuple[int, int]) -> NDArray[np.float32]:
-    """A channel of a packed texture times its factor, which is all where there is no texture."""
-    if packed is None:
-        return np.full((*size, 1), factor, np.float32)
-    return np.asarray(packed[at][..., channel] * np.float32(factor))

@@ -6,17 +6,14 @@ glTF multiplies x and y of a normal texture by `normalTexture.scale` before it r
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.source.layout import channels_of
 from mipbake.stack.map_files import Levels, MapFile
-
-Values: TypeAlias = NDArray[np.float32]
 
 LEAST_SCALE = 1 / 64
 """The least scale of normals: a step of eight bits is then a slope of 1/8192, below which no lobe is narrow enough to
@@ -42,49 +39,30 @@ class Ranges:
 
     def stored(self, file: MapFile) -> MapFile:
         """A file with the values that its texture holds, from a file with the values that are meant."""
-        return self._changed(file, self._stretched)
+        return self._changed(file, np.divide, unit=True)
 
     def shown(self, file: MapFile) -> MapFile:
         """A file with the values that a material shows, from a file with the values that its texture holds.
 
         Normals are not made unit again: engines filter them as they are stored, so that steep ones count less.
         """
-        return self._changed(file, self._shown)
+        return self._changed(file, np.multiply, unit=False)
 
     def meant(self, file: MapFile) -> MapFile:
         """Values as from `shown`, with unit normals where they are stretched: to be compared with what was
         stretched."""
-        return self._changed(file, self._meant)
+        return self._changed(file, np.multiply, unit=True)
 
-    def _changed(self, file: MapFile, change: Callable[[str, Values], Values]) -> MapFile:
-        places: dict[str, dict[int, int]] = {}
-        for place, channel in enumerate(file.layout.channels):
-            if channel.map in ("normal", "roughness") and getattr(self, channel.map) != 1:
-                places.setdefault(channel.map, {})[channel.index] = place
-        if not places:
-            return file
-        levels = []
-        for level in file.levels:
-            made = level.copy()
-            for name, of in places.items():
-                channels = [of[index] for index in sorted(of)]
-                made[..., channels] = change(name, level[..., channels])
-            levels.append(made)
+    def _changed(self, file: MapFile, change: np.ufunc, unit: bool) -> MapFile:
+        levels = [level.copy() for level in file.levels]
+        for name, factor in (("normal", [self.normal, self.normal, 1]), ("roughness", self.roughness)):
+            found = {c.index: place for place, c in enumerate(file.layout.channels) if c.map == name}
+            channels = [found[index] for index in sorted(found)]
+            if channels and getattr(self, name) != 1:
+                for level in levels:
+                    values = np.asarray(change(level[..., channels], factor), np.float32)
+                    level[..., channels] = _unit(values) if unit and name == "normal" else values
         return replace(file, levels=levels)
-
-    def _stretched(self, name: str, values: Values) -> Values:
-        if name == "roughness":
-            return np.asarray(values / self.roughness, np.float32)
-        return _unit(np.asarray(values / [self.normal, self.normal, 1], np.float32))
-
-    def _shown(self, name: str, values: Values) -> Values:
-        if name == "roughness":
-            return np.asarray(values * self.roughness, np.float32)
-        return np.asarray(values * [self.normal, self.normal, 1], np.float32)
-
-    def _meant(self, name: str, values: Values) -> Values:
-        shown = self._shown(name, values)
-        return _unit(shown) if name == "normal" else shown
 
 
 def usual_ranges(levels: Levels, model: str) -> Ranges:
@@ -101,12 +79,9 @@ def scale_within(levels: Levels, model: str, share: float) -> float:
     Args:
         share: from 0 to 1.
     """
-    slopes: list[NDArray[np.float32]] = []
-    for level in levels[:2]:
-        normal = level[..., channels_of(model, "normal")]
-        slopes.append(np.abs(normal[..., :2] / np.maximum(normal[..., 2:], _LEAST_Z)).reshape(-1))
-    found = float(np.quantile(np.concatenate(slopes), share))
-    return _short(min(1.0, max(LEAST_SCALE, found)))
+    normals = [level[..., channels_of(model, "normal")] for level in levels[:2]]
+    slopes = [np.abs(each[..., :2] / np.maximum(each[..., 2:], _LEAST_Z)).reshape(-1) for each in normals]
+    return _short(min(1.0, max(LEAST_SCALE, float(np.quantile(np.concatenate(slopes), share)))))
 
 
 def roughness_factor(levels: Sequence[NDArray[np.float32]], model: str) -> float:
@@ -115,7 +90,7 @@ def roughness_factor(levels: Sequence[NDArray[np.float32]], model: str) -> float
     return min(1.0, max(_LEAST_FACTOR, _short(highest + 5e-7)))
 
 
-def _unit(vectors: Values) -> Values:
+def _unit(vectors: NDArray[np.float32]) -> NDArray[np.float32]:
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.asarray(vectors / np.maximum(length, np.finfo(np.float32).tiny), np.float32)
 

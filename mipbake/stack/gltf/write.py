@@ -4,31 +4,25 @@ from __future__ import annotations
 
 import copy
 import json
-import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from mipbake.base.errors import InputError, UsageError
-from mipbake.source.gltf import container, uris
-from mipbake.source.gltf.bakes import GltfBake
-from mipbake.source.gltf.buffers import Binary, merged
+from mipbake.source.gltf import container
 from mipbake.source.gltf.document import Document, Json
-from mipbake.source.gltf.images import BASISU, KTX2, stored_image
-from mipbake.source.gltf.plain import SIDE, PlainTexture
-from mipbake.source.gltf.slots import ANISOTROPIC, ANISOTROPY, BASE_COLOUR, EMISSIVE, info_of, made_holder
-from mipbake.source.gltf.uses import extensions_of, image_uses, view_uses
-from mipbake.source.images.ktx2 import IDENTIFIER
+from mipbake.source.gltf.images import BASISU, KTX2, source_of, stored_image
+from mipbake.source.gltf.materials import GltfBake
+from mipbake.source.gltf.plain import PlainTexture
+from mipbake.source.gltf.rewriting import Binary, Want, drop_empty, drop_extensions, retextured
+from mipbake.source.gltf.slots import (
+    ANISOTROPIC,
+    ANISOTROPY,
+    info_of,
+    made_holder,
+    surface_mapping,
+)
+from mipbake.source.gltf.uses import extensions_of
 from mipbake.stack.gltf.ranges import Ranges
-from mipbake.stack.gltf.retexture import Replaced, replace_textures
-
-COLOUR_SLOTS = (BASE_COLOUR, EMISSIVE)
-"""Slots whose maps are sRGB-encoded."""
-
-_DESCRIPTOR_AT = 48
-_UASTC, _RGBSDA = 166, 1  # colour models
-_SRGB, _DATA = (1, 2), {"none": (0, 1), "BT.709": (1, 1)}  # primaries and transfer function
-_EIGHT_BITS = 37, 43  # VK_FORMAT_R8G8B8A8_UNORM and _SRGB
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,8 +32,7 @@ class GltfResult:
     Args:
         bake: of the document that is written.
         maps: slot to a complete KTX 2 file, UASTC or RGBA of 8 bits, sides multiples of 4: of `bake.slots` those that
-            are replaced. baseColorTexture is sRGB-encoded, the others are linear (descriptor of UASTC with unspecified
-            primaries).
+            are replaced. baseColorTexture is sRGB-encoded, the others are linear.
         ranges: what the materials multiply the values in the maps by.
     """
 
@@ -69,213 +62,110 @@ def rewritten(
         plain: textures of `read_materials` with complete KTX 2 files, made like the files of the maps.
 
     Raises:
-        UsageError: a map for a slot that the bake does not fill, a material in two results, or a map that
-            KHR_texture_basisu does not take.
         InputError: an image that stays is missing. OutputError: the file would be larger than a GLB can be.
     """
-    _check(document, results)
     made: Json = copy.deepcopy(document.json)
-    for result in results:
-        for index in result.bake.materials:
-            _settle_factors(made["materials"][index], result)
-    replaced = replace_textures(document, made, [(r.bake, r.maps) for r in results], plain)
-    for result in results:
-        for index in result.bake.materials:
-            _set_ranges(made["materials"][index], result)
-    views = _settle_images(made, replaced)
-    binary = merged(made, document.buffers, [view for view in views if view < len(document.all("bufferViews"))])
-    _embed_images(document, made, binary)
-    for content, data in replaced.contents.items():
-        place = {"buffer": 0, "byteOffset": binary.add(data), "byteLength": len(data)}
-        for view in (view for view, key in views.items() if key == content):
-            kept = {key: value for key, value in made["bufferViews"][view].items() if key in ("name", "extras")}
-            made["bufferViews"][view] = {**place, **kept}
-    if replaced.contents:
-        _declare(made, extensions_of(document.json))
-    made["asset"]["extras"] = _with_provenance(made["asset"].get("extras"), provenance)
+    wants = _wants(document, made, results, plain)
+    binary = retextured(document, made, wants, KTX2, embed=True)
+    if wants:
+        drop_extensions(document, made)
+        present = extensions_of(made)
+        for key, needed in (("extensionsUsed", {BASISU, ANISOTROPY} & present), ("extensionsRequired", {BASISU})):
+            kept = made.get(key, [])
+            made[key] = kept + sorted(needed - set(kept))
+    extras = made["asset"].get("extras")
+    kept = extras if isinstance(extras, dict) else {} if extras is None else {"extras": extras}
+    made["asset"]["extras"] = {**kept, "mipbake": dict(provenance)}
     return finished(made, binary, document.chunks)
 
 
 def check_images(document: Document, bakes: Sequence[GltfBake]) -> None:
     """InputError where an image that the bakes leave in the document cannot be read, which `rewritten` finds late."""
     made: Json = copy.deepcopy(document.json)
-    maps = [
+    results = []
+    for bake in bakes:
+        slots = [slot for slot in bake.slots if slot != ANISOTROPIC or "anisotropy" in bake.options.maps]
         # What is in a map is of no matter for which images it takes the place of.
-        (bake, {s: f"{bake.name}/{s}".encode() for s in bake.slots if s != ANISOTROPIC or "anisotropy" in roles})
-        for bake in bakes
-        for roles in [bake.options.maps]
-    ]
-    _settle_images(made, replace_textures(document, made, maps))
-    _embed_images(document, made, Binary())
+        results.append(GltfResult(bake, {slot: f"{bake.name}/{slot}".encode() for slot in slots}))
+    retextured(document, made, _wants(document, made, results, ()), KTX2, embed=True)
 
 
 def finished(made: Json, binary: Binary, chunks: Sequence[tuple[bytes, bytes]] = ()) -> bytes:
     """The GLB of a document whose first buffer is `binary`."""
-    if len(binary):
-        made["buffers"][0]["byteLength"] = len(binary)
+    if binary.data:
+        made["buffers"][0]["byteLength"] = len(binary.data)
     else:
         made["buffers"] = made["buffers"][1:]
-    for kind in ("buffers", "bufferViews"):
-        if not made.get(kind):
-            made.pop(kind, None)
+    drop_empty(made)
     text = json.dumps(made, separators=(",", ":"), allow_nan=False).encode()
-    return container.packed(text, binary.taken(), chunks)
+    return container.packed(text, bytes(binary.data), chunks)
 
 
-def check_map(name: str, slot: str, data: bytes) -> None:
-    """UsageError where KHR_texture_basisu does not take a file in a slot (its section on KTX v2 images).
-
-    Plain RGBA of eight bits passes too: the extension has no place for it, but three.js and Babylon.js load it there.
-    """
-    what = f"the map {slot} of {name}"
-    if data[: len(IDENTIFIER)] != IDENTIFIER or len(data) < 80:
-        raise UsageError(f"{what} is not a KTX 2 file: expected one of UASTC blocks")
-    vulkan, _, width, height = struct.unpack_from("<4I", data, len(IDENTIFIER))
-    if vulkan not in (0, *_EIGHT_BITS):
-        raise UsageError(
-            f"{what} has the Vulkan format {vulkan}: expected UASTC, which has 0, or RGBA of 8 bits, which has "
-            f"{' or '.join(str(each) for each in _EIGHT_BITS)}"
-        )
-    if width % SIDE or height % SIDE or not width * height:
-        raise UsageError(
-            f"{what} is {width} x {height} texels: KHR_texture_basisu takes multiples of {SIDE}, resample it first"
-        )
-    (descriptor,) = struct.unpack_from("<I", data, _DESCRIPTOR_AT)
-    found, colour = tuple(data[descriptor + 12 : descriptor + 15]), slot in COLOUR_SLOTS
-    model, data_primaries = (_RGBSDA, "BT.709") if vulkan else (_UASTC, "none")
-    if found != (model, *(_SRGB if colour else _DATA[data_primaries])):
-        expected = "sRGB with the primaries of BT.709" if colour else f"linear, primaries: {data_primaries}"
-        raise UsageError(
-            f"{what} has the colour model, primaries and transfer function {found}: expected "
-            f"{'RGBA' if vulkan else 'UASTC'}, {expected}"
-        )
-
-
-def _check(document: Document, results: Sequence[GltfResult]) -> None:
-    seen: dict[tuple[int, str], str] = {}
+def _wants(
+    document: Document, made: Json, results: Sequence[GltfResult], plain: Sequence[tuple[PlainTexture, bytes]]
+) -> list[Want]:
+    """Changes the materials of the results; returns what is to show their maps, and the averaged textures."""
+    textures = document.all("textures")
+    wants: list[Want] = []
     for result in results:
-        name = result.bake.name
-        for slot, data in result.maps.items():
-            if slot not in result.bake.slots:
-                raise UsageError(
-                    f"{name} has no slot {slot!r} to fill: expected some of {', '.join(result.bake.slots)}"
-                )
-            check_map(name, slot, data)
+        lobe = result.bake.lobe
         for index in result.bake.materials:
-            document.one("materials", index, f"the bake {name}")
-            lobe = (index, result.bake.lobe.roughness)
-            if lobe in seen:
-                raise UsageError(f"material {index} is in the bakes {seen[lobe]} and {name}: expected one")
-            seen[lobe] = name
+            material = made["materials"][index]
+            _set_factors(material, result)
+            for slot, data in result.maps.items():
+                wants += _of_map(document, result.bake, index, material, slot, data)
+            normal = info_of(material, lobe.normal)
+            if lobe.normal in result.maps and normal is not None:
+                _set(normal, "scale", 1, result.ranges.normal)
+    for texture, data in plain:
+        for index, slot in texture.uses:
+            info = info_of(made["materials"][index], slot)
+            if info is None:
+                raise AssertionError(f"{slot} of material {index} has been read")
+            wants.append(Want(info, info["index"], textures[info["index"]].get("sampler"), data))
+    return wants
 
 
-def _settle_factors(material: Json, result: GltfResult) -> None:
-    """Makes 1 of what the maps hold already. A factor that is not there is 1 by itself."""
+def _of_map(document: Document, bake: GltfBake, index: int, material: Json, slot: str, data: bytes) -> list[Want]:
+    """The textureInfos of a material that a slot's map is for; those that it lacked are made."""
+    textures = document.all("textures")
+    before, lobe = document.all("materials")[index], bake.lobe
+    main = info_of(before, lobe.normal) or info_of(before, lobe.roughness)
+    if main is None:
+        raise AssertionError(f"material {index} has something to bake")
+    holder = made_holder(material, slot)
+    info = info_of(material, slot)
+    shown = None if info is None else info["index"]
+    sampler = textures[main["index"] if shown is None else shown].get("sampler")
+    if info is None or slot == ANISOTROPIC:
+        holder[slot] = info = {"index": shown, **surface_mapping(main)}
+    wants = [Want(info, shown, sampler, data)]
+    red = info_of(material, lobe.red)
+    if slot == lobe.roughness and shown is not None and red and bake.options.maps.get("occlusion"):
+        images = {stored_image(document, source_of(document, t, slot), slot)[0] for t in (shown, red["index"])}
+        if len(images) == 1:
+            wants.append(Want(red, red["index"], textures[red["index"]].get("sampler"), data))
+    return wants
+
+
+def _set_factors(material: Json, result: GltfResult) -> None:
+    """Makes 1 of what the maps hold already, or what brings the values of stretched maps back. A factor that is not
+    there is 1 by itself; an anisotropy that the bake took in and no map holds is taken away."""
     maps, lobe = result.maps, result.bake.lobe
     if lobe.roughness in maps:
-        holder = made_holder(material, lobe.keys)
-        for key, default in lobe.factors:
-            if holder.get(key, default) != 1:
-                holder[key] = 1
-    normal = info_of(material, lobe.normal)
-    if lobe.normal in maps and normal is not None and normal.get("scale", 1) != 1:
-        normal["scale"] = 1
+        holder = made_holder(material, lobe.roughness)
+        for (key, default), value in zip(lobe.factors, (result.ranges.roughness, 1), strict=False):
+            _set(holder, key, default, value)
     if ANISOTROPIC in maps:
-        anisotropy = material.setdefault("extensions", {}).setdefault(ANISOTROPY, {})
-        anisotropy |= {"anisotropyStrength": 1, "anisotropyRotation": 0}
+        holder = made_holder(material, ANISOTROPIC)
+        holder |= {"anisotropyStrength": 1, "anisotropyRotation": 0}
     elif maps and "anisotropy" in result.bake.options.maps:
         del material["extensions"][ANISOTROPY]
         if not material["extensions"]:
             del material["extensions"]
 
 
-def _set_ranges(material: Json, result: GltfResult) -> None:
-    """Writes the factors that bring the values of stretched maps back, once the material has its textures."""
-    maps, ranges, lobe = result.maps, result.ranges, result.bake.lobe
-    if lobe.roughness in maps and ranges.roughness != 1:
-        made_holder(material, lobe.keys)[lobe.factors[0][0]] = ranges.roughness
-    normal = info_of(material, lobe.normal)
-    if lobe.normal in maps and normal is not None and ranges.normal != 1:
-        normal["scale"] = ranges.normal
-
-
-def _settle_images(made: Json, replaced: Replaced) -> dict[int, str]:
-    """Gives every content an image, in the place of one that nothing uses any more where there is such.
-
-    Returns:
-        bufferView to the content that it is to hold; the bufferViews of old images have no content.
-    """
-    images, all_views = made.setdefault("images", []), made.setdefault("bufferViews", [])
-    used = {use.index for use in image_uses(made)}
-    shared = [use.index for use in view_uses(made)]
-    free = {image: content for content, before in replaced.images.items() for image in before if image not in used}
-    image_of: dict[str, int] = {}
-    views: dict[int, str] = {}
-    view_of: dict[str, int] = {}
-    for image, content in free.items():
-        image_of.setdefault(content, image)
-        view = images[image].get("bufferView")
-        if view is not None and shared.count(view) == 1:
-            views[view] = content
-            view_of.setdefault(content, view)
-    for content in replaced.contents:
-        if content not in view_of:
-            all_views.append({})
-            view_of[content] = len(all_views) - 1
-            views[view_of[content]] = content
-        if content not in image_of:
-            images.append({})
-            image_of[content] = len(images) - 1
-    for content, image in image_of.items():
-        _point(images[image], view_of[content])
-    for image, content in free.items():
-        if image != image_of[content]:  # the index stays, so it shows the same as the image that it gave way to
-            own = images[image].get("bufferView")
-            _point(images[image], own if own in views else view_of[content])
-    for content, textures in replaced.textures.items():
-        for texture in textures:
-            made["textures"][texture]["extensions"][BASISU]["source"] = image_of[content]
-    return views
-
-
-def _point(image: Json, view: int) -> None:
-    image.pop("uri", None)
-    image |= {"mimeType": KTX2.mime, "bufferView": view}
-
-
-def _embed_images(document: Document, made: Json, binary: Binary) -> None:
-    """Takes the images that stay from their files and data URIs; addresses in a network stay addresses.
-
-    An address stays as well where nothing shows the image and the image cannot be read: it breaks nothing, here as in
-    the source.
-    """
-    shown = {use.index for use in image_uses(document.json)}
-    for index, image in enumerate(made["images"]):
-        uri = image.get("uri")
-        if isinstance(uri, str) and not uris.is_remote(uri):
-            try:
-                data, kind = stored_image(document, index)
-            except InputError:
-                if index in shown:
-                    raise
-                continue
-            del image["uri"]
-            made["bufferViews"].append({"buffer": 0, "byteOffset": binary.add(data), "byteLength": len(data)})
-            image |= {"mimeType": kind.mime, "bufferView": len(made["bufferViews"]) - 1}
-    if not made["images"]:
-        del made["images"]
-
-
-def _declare(made: Json, before: set[str]) -> None:
-    """Names the extensions that are there now, and no longer those that were there before and have gone."""
-    present = extensions_of(made)
-    gone = before - present
-    for key, needed in (("extensionsUsed", {BASISU, ANISOTROPY} & present), ("extensionsRequired", {BASISU})):
-        kept = [name for name in made.get(key, []) if name not in gone]
-        made[key] = kept + sorted(needed - set(kept))
-
-
-def _with_provenance(extras: Any, provenance: Mapping[str, Any]) -> Json:
-    """What the asset had, and the provenance; extras that are not an object move into one."""
-    kept = extras if isinstance(extras, dict) else {} if extras is None else {"extras": extras}
-    return {**kept, "mipbake": dict(provenance)}
+def _set(holder: Json, key: str, default: float, value: float) -> None:
+    """Sets a factor, unless it is that value already or by default."""
+    if holder.get(key, default) != value:
+        holder[key] = 1 if value == 1 else value
