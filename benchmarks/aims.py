@@ -1,7 +1,7 @@
-"""What `--aim` moves, and how far the limit is: SNR under single lights, and what people see, of small parts of sets.
+"""What `--aim` moves, and how far the limit is: SNR under single lights, and visible error, of small parts of sets.
 
     python docs/remake.py --measure aims --materials MATERIALS   measures, and makes the section of docs/results.md
-    python benchmarks/aims.py MATERIALS RESULTS         measures, and writes the file RESULTS
+    python benchmarks/aims.py MATERIALS --results FILE           measures, and writes the file
 
 MATERIALS is a folder of texture sets. The middle of some of them is baked by `auto` with several aims, by the network
 and by closed forms. Beside them stand two limits of one lobe a texel: `optimum`, which counts single lights alone, and
@@ -11,15 +11,13 @@ made where the record `results-whole` is there, too.
 
 from __future__ import annotations
 
-import argparse
-import json
 import time
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from results_sets import folder_sets, middle
+from timing import arguments, keep
 
 from mipbake.baking.methods import METHODS
 from mipbake.baking.prefilter import Prefilter
@@ -35,7 +33,7 @@ SETS, SIDE = 9, 64
 """Sets that are measured, spread over the folder, and texels a side of the part in their middle."""
 
 AIMS = (0.0, 0.25, 0.5, 0.75, 1.0)
-LIMIT = "optimum of what is seen"
+LIMIT = "limit of the visible error"
 PICTURES_ALONE = Weights({name: Weight(float(name in PICTURES), 0.0) for name in TERMS}, group_behind=0.0)
 """Weights of which nothing counts but what people see."""
 
@@ -71,10 +69,7 @@ def measured(problem: Problem) -> dict[str, dict[str, float]]:
 
 def main() -> None:
     """Measures, and writes the file."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("materials", type=Path)
-    parser.add_argument("results", type=Path)
-    options = parser.parse_args()
+    options = arguments(__doc__, "materials", results=None)
     sets = folder_sets(options.materials)
     data: dict[str, Any] = {"side": SIDE, "sets": {}}
     names = sorted(sets)
@@ -83,7 +78,7 @@ def main() -> None:
         part = middle(sets[name](), SIDE)
         data["sets"][name] = measured(Problem(part.material(MODEL), MODEL, MODEL, FILTER, part.wrap))
         print(f"{name}: {time.process_time() - started:.0f} s", flush=True)
-    options.results.write_text(json.dumps(data), encoding="utf-8")
+    keep(data, options.results)
 
 
 if __name__ == "__main__":

@@ -8,7 +8,6 @@ Figures are medians of the runs; sets of more than 1024 x 1024 are baked once.
 
 from __future__ import annotations
 
-import argparse
 import importlib.util
 import os
 import platform
@@ -23,7 +22,7 @@ from pathlib import Path
 from types import ModuleType
 
 import numpy as np
-from timing import cpu_name
+from timing import arguments, cpu_name
 
 _OFTEN = 1024
 """Texels a side of the largest set that is baked several times."""
@@ -82,10 +81,7 @@ def row(label: str, arguments: Sequence[str], runs: int) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--sizes", type=int, nargs="+", default=[1024, 4096, 8192])
-    parser.add_argument("--runs", type=int, default=3)
-    options = parser.parse_args()
+    options = arguments(__doc__, sizes=(1024, 4096, 8192), runs=3)
     print(f"{cpu_name()}, Python {platform.python_version()}\n")
     print("| process | wall s | processor s | peak GiB |\n|---|---|---|---|")
     print(row("--help", ["--help"], options.runs), flush=True)
@@ -98,8 +94,8 @@ def main() -> None:
             runs = options.runs if size <= _OFTEN else 1
             print(row(f"inspect, {size} x {size}", ["inspect", str(source)], runs), flush=True)
             for method in ("linear", "lean", "neural", "auto"):
-                arguments = ["bake", str(source), "-o", f"{folder}/out", "--method", method]
-                print(row(f"bake {method}, {size} x {size}", arguments, runs), flush=True)
+                command = ["bake", str(source), "-o", f"{folder}/out", "--method", method]
+                print(row(f"bake {method}, {size} x {size}", command, runs), flush=True)
             shutil.rmtree(source)
 
 

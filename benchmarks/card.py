@@ -10,15 +10,15 @@ processor. Medians over the rounds, which alternate between the two; of steps th
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import time
 from collections.abc import Callable
 
 import numpy as np
 import torch
-from network import stored_of
-from timing import Timing, cpu_name, measure
+from numpy.typing import NDArray
+from shading import calls
+from timing import Timing, arguments, cpu_name, measure
 from training_step import PAPER
 
 from mipbake import _native
@@ -29,7 +29,6 @@ from mipbake.training.batches import batches
 from mipbake.training.config import DataConfig, read_config
 from mipbake.training.data import load_materials
 
-PAIRS, TEXELS, BATCH = 64, 1024, 5
 SIZES = 1024, 4096
 CONFIGS = "paper-ggx", "paper-beckmann", "paper-cross", "mipbake-1"
 _WARM = 30  # steps that are not counted
@@ -38,19 +37,18 @@ _CAPTURED = 8  # sets of lobes for the configurations that read them
 
 def shading(device: torch.device) -> dict[str, Callable[[], object]]:
     """Forward, and forward with the gradient, on a device."""
-    rng = np.random.default_rng(0)
-    directions = rng.standard_normal((2, BATCH, PAIRS, 3))
-    directions[..., 2] = np.abs(directions[..., 2]) + 0.2
-    light, view = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
-    low, high = np.array([[0, 1]] * 6 + [[-0.4, 0.4]] * 2 + [[-8, 0]] * 2 + [[-1, 1]]).T
-    material = rng.uniform(low, high, (BATCH, TEXELS, 11))
-    weights = rng.standard_normal((BATCH, PAIRS, TEXELS, 3))
-    stored, light, view, weights = (torch.from_numpy(a).float().to(device) for a in (material, light, view, weights))
-    wanted = stored.clone().requires_grad_()
-    return {
-        "shading, forward": lambda: shade("ggx", stored, light, view),
-        "shading, forward + gradient": lambda: torch.autograd.grad(shade("ggx", wanted, light, view), wanted, weights),
-    }
+    return {f"shading, {name}": call for name, call in calls(shade, device).items()}
+
+
+def stored_of(size: int) -> NDArray[np.float32]:
+    """(size, size, 8) stored channels of `gltf`: bumps of two sizes, and spots of metal."""
+    v, u = np.meshgrid(*(np.arange(size, dtype=np.float32) * (2 * np.pi / 64),) * 2, indexing="ij")
+    x, y = 0.4 * np.sin(3 * u) * np.cos(v), 0.3 * np.sin(5 * v + u)
+    length = np.sqrt(1 + x * x + y * y)
+    metal = (np.sin(u) * np.sin(2 * v) > 0).astype(np.float32)
+    rough = 0.4 + 0.3 * np.sin(u + 2 * v)
+    colours = [0.5 + 0.4 * np.sin(u + each) for each in (0, 1, 2)]
+    return np.stack([*colours, metal, rough, x / length, y / length, 1 / length], -1).astype(np.float32)
 
 
 def baking(device: torch.device) -> dict[str, Callable[[], object]]:
@@ -93,11 +91,7 @@ def row(name: str, timings: dict[str, Timing], unit: float) -> str:
 
 def main() -> None:
     """Prints the tables."""
-    parser = argparse.ArgumentParser(description="Times a graphics card beside the processor of its machine.")
-    parser.add_argument("--device", default="cuda", help="cuda, or cuda:1 (default: %(default)s)")
-    parser.add_argument("--rounds", type=int, default=5, help="times that each is measured (default: %(default)s)")
-    parser.add_argument("--steps", type=int, default=300, help="measured steps of trainings (default: %(default)s)")
-    options = parser.parse_args()
+    options = arguments(__doc__, device="cuda", rounds=5, steps=300)
     card = loop.device_named(options.device)
     places = {"card": card, "processor": torch.device("cpu")}
     print(

@@ -10,9 +10,6 @@ it, and docs/paper-figures.md shows what came out.
 
 from __future__ import annotations
 
-import argparse
-import json
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -21,6 +18,7 @@ import torch
 from mipnet_network import register
 from numpy.typing import NDArray
 from results_sets import captured, folder_sets, in_model
+from timing import arguments, keep
 
 from mipbake.baking.bake import DEFAULT_FILTER
 from mipbake.models.registry import WEIGHTS_FOLDER, WeightsInfo, default_weights, find_weights, load_network
@@ -71,12 +69,8 @@ def made(info: WeightsInfo, model: str, materials: Array) -> Array:
     return np.ascontiguousarray(levels[-1][:, 0, 0].numpy())
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("sets", type=Path)
-    parser.add_argument("--results", type=Path, required=True)
-    parser.add_argument("--texels", type=int, default=512, help="of each set (default: 512)")
-    options = parser.parse_args()
+def main() -> None:
+    options = arguments(__doc__, "sets", results=None, texels=512)
     register()
     rows = []
     for model in MODELS:
@@ -93,9 +87,8 @@ def main() -> int:
                     snr = float(snr_from_sums((weights * snr_sums(seen, true, true)).sum(0)))
                     rows.append({**found, "snr": snr})
             print(f"{model} {name}", flush=True)
-    options.results.write_text(json.dumps({"texels": options.texels, "rows": rows}, indent=1))
-    return 0
+    keep({"texels": options.texels, "rows": rows}, options.results)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

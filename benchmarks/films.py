@@ -1,4 +1,4 @@
-"""Films of texture sets, and what people see in them: every method, under every sampler.
+"""Films of texture sets, judged by ColorVideoVDP: every method, under every sampler.
 
     python docs/remake.py --measure films --materials MATERIALS   measures, and makes the blocks of RESULTS-films.md
     python benchmarks/films.py MATERIALS FOLDER --plans SET SET   measures some sets
@@ -8,12 +8,11 @@ MATERIALS is a folder of texture sets, FOLDER takes a file a set. A run that was
 several runs with different sets may share one FOLDER: the folder of docs/remake.py is build/records/films. New
 code is not noticed: it wants a new FOLDER. Every set is filmed as floor, low floor, wall and sphere, under one of three
 lightings in turn. Methods that take a sampler make a stack for each sampler. The films of a set share their references.
-The last of these commands films the generated sets that shimmer, and prints what people see.
+The last of these commands films the generated sets that shimmer, and prints their JOD.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import shutil
 import time
@@ -24,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from results_sets import bumps, folder_sets
+from timing import keep, parser_of
 
 from mipbake.baking.bake import Recipe
 from mipbake.baking.methods import OPTIONS
@@ -163,21 +163,15 @@ def _rounded(value: float) -> float:
 
 def main() -> None:
     """Measures all sets that FOLDER does not hold yet."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("materials", type=Path)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--results", type=Path, help="file for the figures of all these sets together")
-    parser.add_argument("--plans", nargs="+", help="names of the sets that are measured; all without it")
-    parser.add_argument("--methods", nargs="+", choices=METHODS, default=METHODS, help="what is filmed; all without it")
-    for name in ("height", "frames", "passes"):
-        parser.add_argument(f"--{name}", type=int, default=getattr(FilmsEffort, name))
+    parser = parser_of(__doc__, "materials", "folder", results=None, plans=(), **asdict(FilmsEffort()))
     options = parser.parse_args()
     effort = FilmsEffort(options.height, options.frames, options.passes, tuple(options.methods))
     check_color_video_vdp()
     sets = folder_sets(options.materials)
-    unknown = [name for name in options.plans or [] if name not in sets]
-    if unknown:
-        parser.error(f"{options.materials} has no set {', '.join(unknown)}: expected some of {', '.join(sets)}")
+    for kind, names, known in (("set", options.plans, sets), ("method", options.methods, METHODS)):
+        unknown = [name for name in names if name not in known]
+        if unknown:
+            parser.error(f"no {kind} {', '.join(unknown)}: expected some of {', '.join(known)}")
     options.folder.mkdir(parents=True, exist_ok=True)
     found = {}
     for index, name in enumerate(sorted(sets)):
@@ -188,16 +182,14 @@ def main() -> None:
             references = options.folder / "references" / name
             data = measured(sets[name](), LIGHTINGS[index % len(LIGHTINGS)], references, effort)
             shutil.rmtree(references, ignore_errors=True)
-            partial = file.with_suffix(".partial")
-            partial.write_text(json.dumps(data), encoding="utf-8")
-            partial.replace(file)
+            keep(data, file)
         found[name] = json.loads(file.read_text(encoding="utf-8"))
         print(f"{name}: {found[name]['processor_seconds']:.0f} s, {found[name]['lighting']}")
         for film in found[name]["films"]:
             judged = ", ".join(f"{method} {each['jod-37']:.2f}" for method, each in film["figures"].items())
             print(f"  {film['scene']}, {film['sampler']}: JOD of {judged}", flush=True)
     if options.results:
-        options.results.write_text(json.dumps({"effort": _plain(effort), "sets": found}), encoding="utf-8")
+        keep({"effort": _plain(effort), "sets": found}, options.results)
 
 
 def _plain(effort: FilmsEffort) -> dict[str, Any]:

@@ -1,33 +1,31 @@
 """Stacks that are fitted in the renderer that will show them, beside stacks that are baked without it.
 
-    python benchmarks/fit.py --materials MATERIALS SET SET --results RESULTS [--pictures FOLDER]
+    python benchmarks/fit.py MATERIALS PICTURES --sets SET SET --results RESULTS
 
 MATERIALS is a folder of texture sets, and SET names some of them. Each set is baked by `linear`, `lean` and `auto`, and
-fitted in each renderer as `mipbake fit` does, from `auto` and `linear`. What the fit has after each of its stages is
-kept: after the starts were chosen, after the steps, and in the end. That renderer then shows all six stacks in views
-that the fit has not seen, and its own supersampled pictures of the source are the references. RESULTS is a JSON file.
-It takes the figures of a set in a renderer as soon as they are there, and a run that was stopped goes on from it. New
-code is not noticed: it wants a new file.
+fitted in each renderer as `mipbake fit` does, from `auto` and `linear`. That renderer then shows all four stacks in
+views that the fit has not seen, and its own supersampled pictures of the source are the references. PICTURES is a
+folder for a picture of each set in each renderer. RESULTS is a JSON file. It takes the figures of a set in a renderer
+as soon as they are there, and a run that was stopped goes on from it. New code is not noticed: it wants a new file.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
-import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack, closing
+from contextlib import closing
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from fit_tables import FITTED, METHODS, OTHERS, STAGES, START
+from fit_tables import FITTED, METHODS, OTHERS, START
 from numpy.typing import NDArray
 from PIL import Image
 from results_sets import folder_sets, middle
+from timing import keep, parser_of
 
 import mipbake
 from mipbake import MipStack, TextureSet
@@ -47,7 +45,7 @@ LODS = (0.0, 0.5, 3.0, 7.0)
 """Levels of detail that are measured: one for each scale of docs/conventions.md. A small set has its last one in place
 of 7."""
 
-LEARNED, WITNESSES, PICTURED = 0, 71, 72
+LEARNED, HELD_OUT, PICTURED = 0, 71, 72
 """Seeds of cameras and lights: of the views that a fit learns from and checks with, of those that measure, and of the
 one that is pictured."""
 
@@ -75,17 +73,17 @@ class Effort:
         repeat: 1: the middle repeats without end, seams included, in place of that.
         steps: of each fit at most, so that figures do not depend on how busy the machine is.
         each: views at each level of detail to fit to. As many more as the command line takes are held out.
-        witnesses: views at each scale to measure in.
+        measured: views at each scale to measure in.
         passes: renders of each of both estimates of a reference at level of detail 0; twice as many at each level
             more, up to four times as many.
     """
 
-    size: int = 512
-    repeat: int = 0
-    steps: int = 8000
-    each: int = 16
-    witnesses: int = 16
-    passes: int = 128
+    size: int = 256
+    repeat: int = 1
+    steps: int = 4000
+    each: int = 8
+    measured: int = 8
+    passes: int = 64
 
 
 def texture_set_of(load: Callable[[], TextureSet], effort: Effort) -> TextureSet:
@@ -134,7 +132,7 @@ def measured(
     last = len(level_sizes(*size)) - 1
     found: dict[str, list[dict[str, Any]]] = {}
     for lod in sorted({min(each, float(last)) for each in LODS}):
-        for view in standard_views(size, texture_set.wrap, effort.witnesses, WITNESSES, [lod]):
+        for view in standard_views(size, texture_set.wrap, effort.measured, HELD_OUT, [lod]):
             pixels = inside(renderer.render(levels[START], view), texture_set.wrap == ("wrap", "wrap"))
             if not pixels.any():
                 continue
@@ -171,43 +169,31 @@ def strip(renderer: Renderer, stacks: Mapping[str, MipStack], texture_set: Textu
     return Image.fromarray(np.rint(255 * picture).astype(np.uint8).repeat(larger, 0).repeat(larger, 1))
 
 
-def stages(
+def fitted(
     stacks: Mapping[str, MipStack], renderer: Renderer, texture_set: TextureSet, effort: Effort
-) -> tuple[dict[str, MipStack], dict[str, Any]]:
-    """The stack after each stage of a fit; and how many views, steps, levels that still moved, and seconds there were.
-
-    Each stage goes on from the checkpoint of the one before, as a fit that was stopped does. All stages have the same
-    references.
-    """
+) -> tuple[MipStack, dict[str, Any]]:
+    """The fitted stack; and how many views, steps, and seconds there were."""
     size, wrap = (texture_set.height, texture_set.width), texture_set.wrap
     learned, checked = RendererChoice("gl").views_of(size, wrap, effort.each, LEARNED)  # as the command line has them
     assert checked is not None
     began = time.monotonic()
     images = references(renderer, texture_set, learned, False) + references(renderer, texture_set, checked, True)
-    spent = {"preparing": time.monotonic() - began}
-    found: dict[str, MipStack] = {}
-    told: list[mipbake.fitting.Progress] = []
-    with tempfile.TemporaryDirectory() as folder:
-        for stage, steps, rounds in zip(STAGES, (0, effort.steps, effort.steps), (0, 0, 1), strict=True):
-            prepared: list[float] = []
-            found[stage] = mipbake.fitting.fit(
-                stacks[START],
-                renderer,
-                learned,
-                others=[stacks[name] for name in OTHERS],
-                reference=images,
-                held_out=checked,
-                steps=steps,
-                rounds=rounds,
-                checkpoint=Path(folder) / "fit",
-                progress=told.append,
-                preparing=lambda _, times=prepared: times.append(time.monotonic()),
-            )
-            spent[stage] = time.monotonic() - prepared[-1]
-    last = told[-1]
-    seconds = {"preparing": spent["preparing"], "steps": last.seconds, "rounds": spent[FITTED]}
-    views = len(learned) + len(checked)
-    return found, {"views": views, "steps": last.step, "moving": last.moving, "seconds": seconds}
+    prepared = time.monotonic()
+    progress: list[mipbake.fitting.Progress] = []
+    found = mipbake.fitting.fit(
+        stacks[START],
+        renderer,
+        learned,
+        others=[stacks[name] for name in OTHERS],
+        reference=images,
+        held_out=checked,
+        steps=effort.steps,
+        progress=progress.append,
+    )
+    last = progress[-1]
+    rounds = time.monotonic() - prepared - last.seconds
+    seconds = {"preparing": prepared - began, "steps": last.seconds, "rounds": rounds}
+    return found, {"views": len(learned) + len(checked), "steps": last.step, "seconds": seconds}
 
 
 def references(renderer: Renderer, texture_set: TextureSet, views: Sequence[View], held_out: bool) -> list[Image3]:
@@ -224,73 +210,51 @@ def references(renderer: Renderer, texture_set: TextureSet, views: Sequence[View
     return found
 
 
-def one(
-    name: str, renderer: Renderer, texture_set: TextureSet, effort: Effort, pictures: Path | None
-) -> dict[str, Any]:
+def one(name: str, renderer: Renderer, texture_set: TextureSet, effort: Effort, pictures: Path) -> dict[str, Any]:
     """All figures of a set in a renderer."""
     began = time.monotonic()
     stacks = {method: mipbake.bake(texture_set, method, pixel_filter=FILTER) for method in METHODS}
     baking = time.monotonic() - began
-    found, about = stages(stacks, renderer, texture_set, effort)
-    stacks |= found
-    if pictures is not None:
-        pictures.mkdir(parents=True, exist_ok=True)
-        image = strip(renderer, stacks, texture_set, effort)
-        image.save(pictures / f"fit-{name.replace(' ', '-')}-{texture_set.name}.png")
+    stacks[FITTED], about = fitted(stacks, renderer, texture_set, effort)
+    pictures.mkdir(parents=True, exist_ok=True)
+    image = strip(renderer, stacks, texture_set, effort)
+    image.save(pictures / f"fit-{name.replace(' ', '-')}-{texture_set.name}.png")
     began = time.monotonic()
     scales = measured(renderer, stacks, texture_set, effort)
     seconds = {"baking": baking, **about.pop("seconds"), "measuring": time.monotonic() - began}
     return {"size": [texture_set.height, texture_set.width], **about, "seconds": seconds, "scales": scales}
 
 
-def kept(path: Path, effort: Effort) -> dict[str, Any]:
-    """What RESULTS holds; an empty one where it is not there."""
-    if not path.exists():
-        return {"effort": asdict(effort), "renderers": {}}
-    data: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    if data["effort"] != asdict(effort):
-        raise SystemExit(f"{path} was measured with {data['effort']}: give the same options, or another file")
-    return data
-
-
 def main() -> None:
     """Measures what RESULTS does not hold yet."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--materials", nargs="+", required=True, metavar=("MATERIALS", "SET"))
-    parser.add_argument("--results", type=Path, required=True)
-    parser.add_argument("--pictures", type=Path, help="folder for pictures, one of each set in each renderer")
-    parser.add_argument("--renderers", nargs="+", choices=RENDERERS, default=list(RENDERERS))
-    for each in fields(Effort):
-        parser.add_argument(f"--{each.name}", type=type(each.default), default=each.default)
+    parser = parser_of(
+        __doc__, "materials", "pictures", results=None, sets=(), renderers=tuple(RENDERERS), **asdict(Effort())
+    )
     options = parser.parse_args()
+    folder, pictures = options.materials.resolve(), options.pictures.resolve()
+    results = options.results and options.results.resolve()
     os.environ.setdefault("NODE_PATH", str(Path(__file__).parent / "engines/node_modules"))  # has three.js
     effort = Effort(**{each.name: getattr(options, each.name) for each in fields(Effort)})
-    folder, *names = options.materials
-    sets = folder_sets(Path(folder))
-    unknown = [name for name in names if name not in sets]
-    if unknown or not names:
-        parser.error(f"{folder} has no set {', '.join(unknown) or 'that is named'}: expected some of {', '.join(sets)}")
-    data = kept(options.results, effort)
+    known = folder_sets(folder)
+    unknown = [name for name in options.sets if name not in known]
+    if unknown or not options.sets:
+        parser.error(f"no set {', '.join(unknown) or 'is named'}: expected some of {', '.join(known)}")
+    data: dict[str, Any] = {"effort": asdict(effort), "renderers": {}}
+    if results and results.exists():
+        data = json.loads(results.read_text(encoding="utf-8"))
+        if data["effort"] != asdict(effort):
+            parser.error(f"{results} was measured with {data['effort']}: give the same options, or another file")
     for renderer_name in options.renderers:
         found = data["renderers"].setdefault(renderer_name, {})
-        with ExitStack() as stack:
-            renderer: Renderer | None = None
-            for name in names:
-                if name in found:
-                    continue
-                if renderer is None:
-                    renderer = stack.enter_context(closing(RENDERERS[renderer_name]()))
-                found[name] = one(renderer_name, renderer, texture_set_of(sets[name], effort), effort, options.pictures)
-                save(options.results, data)
+        missing = [name for name in options.sets if name not in found]
+        if not missing:
+            continue
+        with closing(RENDERERS[renderer_name]()) as renderer:
+            for name in missing:
+                texture_set = texture_set_of(known[name], effort)
+                found[name] = one(renderer_name, renderer, texture_set, effort, pictures)
+                keep(data, results)
                 print(f"{renderer_name}, {name}: {found[name]['seconds']}", flush=True)
-
-
-def save(path: Path, data: Mapping[str, Any]) -> None:
-    """Replaces the file, as a whole."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(path.name + ".partial")
-    partial.write_text(json.dumps(data), encoding="utf-8")
-    partial.replace(path)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,6 @@ after the other. What all left must be the same, byte for byte, and nothing may 
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import json
 import os
@@ -26,7 +25,7 @@ from pathlib import Path
 from typing import Any
 
 from library_sets import make_library
-from timing import cpu_name, keep
+from timing import arguments, keep
 
 COMMAND = [sys.executable, "-c", "from mipbake.cli.main import run; run()", "bake"]
 SIGNALS = (signal.SIGKILL, signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
@@ -80,12 +79,12 @@ class Baker:
             process.wait()
         seconds = time.monotonic() - begun
         lines = self.log.read_text().splitlines(keepends=True) if self.log.exists() else []
-        told = [json.loads(line) for line in lines if line.endswith("\n")]
-        done = {f"{each['entry']} {each['out']}" for each in told if "files" in each}
+        said = [json.loads(line) for line in lines if line.endswith("\n")]
+        done = {f"{each['entry']} {each['out']}" for each in said if "files" in each}
         twice = len(done & self.seen)
         self.seen |= done
-        unchanged = sum(each.get("unchanged", False) for each in told)
-        failed = sum(not each["ok"] for each in told)
+        unchanged = sum(each.get("unchanged", False) for each in said)
+        failed = sum(not each["ok"] for each in said)
         return Pass(process.returncode, round(seconds, 2), len(done), unchanged, failed, twice)
 
 
@@ -169,8 +168,6 @@ def measure(folder: Path, count: int, broken: int, doubles: int, kills: int, job
     there, deaths = on_cluster(library, folder, kills, whole.seconds)
     differing = content(folder / "cluster")
     return {
-        "machine": cpu_name(),
-        "cores": os.cpu_count(),
         "count": count,
         "broken": broken,
         "doubles": doubles,
@@ -190,11 +187,7 @@ def measure(folder: Path, count: int, broken: int, doubles: int, kills: int, job
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--results", type=Path, required=True)
-    for name, value in (("count", 200), ("broken", 20), ("doubles", 10), ("kills", 10), ("jobs", 2)):
-        parser.add_argument(f"--{name}", type=int, default=value)
-    options = parser.parse_args()
+    options = arguments(__doc__, results=None, count=200, broken=20, doubles=10, kills=10, jobs=2)
     signal.signal(signal.SIGINT, signal.default_int_handler)  # what shells begin behind their backs would ignore it
     with tempfile.TemporaryDirectory() as folder:
         found = measure(Path(folder), options.count, options.broken, options.doubles, options.kills, options.jobs)

@@ -4,8 +4,7 @@
 
 The first table renders a bumpy sphere that fills a square image, every triangle in the frustum and half of them facing
 away, and brings gradients back to its positions and attributes. 4 attributes are interpolated, 2 of them with their
-image-space derivatives; 3 channels are antialiased. Every op is timed with its backward pass, and the whole chain by
-itself. A peeler takes as many layers as the table says.
+image-space derivatives; 3 channels are antialiased.
 
 The second is figure 9 of Laine et al. 2020: an 8 x 8 grid (128 triangles) repeated 1 to 1024 times, side by side (all
 visible, together they cover the image) or stacked in depth (one visible, which covers the image alone), farthest first,
@@ -14,13 +13,12 @@ the worst order for a rasterizer.
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
-from timing import Timing, cpu_name, measure
+from timing import Timing, arguments, measure, on_device
 from torch import Tensor
 
 from mipbake import _native, raster
@@ -79,44 +77,17 @@ def repeated_grids(copies: int, stacked: bool, device: torch.device) -> Mesh:
 
 
 class Chain:
-    """The three ops on one mesh, apart and together, each with its backward pass."""
+    """The three ops on one mesh."""
 
     def __init__(self, mesh: Mesh, side: int) -> None:
         self.mesh, self.resolution = mesh, (side, side)
         self.context = raster.RasterizeContext()
         self.topology = raster.antialias_construct_topology_hash(mesh.tri)
         generator = torch.Generator().manual_seed(0)
-
-        def random(channels: int) -> Tensor:
-            return torch.rand(1, side, side, channels, generator=generator).to(mesh.pos.device)
-
-        self.color, self.grad_color = random(3), random(3)
-        self.grad_pixels, self.grad_derivatives = random(4), random(4)
-        self.rast, self.rast_db = raster.rasterize(self.context, mesh.pos, mesh.tri, self.resolution)
-
-    def rasterize(self, backward: bool = True) -> object:
-        pos = self.mesh.pos.detach().requires_grad_(backward)
-        rast, rast_db = raster.rasterize(self.context, pos, self.mesh.tri, self.resolution)
-        return (
-            torch.autograd.grad([rast, rast_db], pos, [self.grad_pixels, self.grad_derivatives]) if backward else rast
+        self.grad_color, self.grad_derivatives = (
+            torch.rand(1, side, side, channels, generator=generator).to(mesh.pos.device) for channels in (3, 4)
         )
-
-    def peel(self, layers: int) -> object:
-        with raster.DepthPeeler(self.context, self.mesh.pos, self.mesh.tri, self.resolution) as peeler:
-            return [peeler.rasterize_next_layer() for _ in range(layers)]
-
-    def interpolate(self, backward: bool = True) -> object:
-        leaves = [t.detach().requires_grad_(backward) for t in (self.mesh.attr, self.rast, self.rast_db)]
-        attr, rast, rast_db = leaves
-        out, out_da = raster.interpolate(attr, rast, self.mesh.tri, rast_db, [0, 1])
-        return (
-            torch.autograd.grad([out, out_da], leaves, [self.grad_pixels, self.grad_derivatives]) if backward else out
-        )
-
-    def antialias(self, backward: bool = True) -> object:
-        color, pos = (t.detach().requires_grad_(backward) for t in (self.color, self.mesh.pos))
-        out = raster.antialias(color, self.rast, pos, self.mesh.tri, self.topology)
-        return torch.autograd.grad(out, [color, pos], self.grad_color) if backward else out
+        self.rast, _ = raster.rasterize(self.context, mesh.pos, mesh.tri, self.resolution)
 
     def whole(self, backward: bool = True) -> object:
         pos, attr = (t.detach().requires_grad_(backward) for t in (self.mesh.pos, self.mesh.attr))
@@ -128,36 +99,13 @@ class Chain:
         return torch.autograd.grad([color, out_da], [pos, attr], [self.grad_color, self.grad_derivatives])
 
 
-def ops_table(chain: Chain, timed: Callable[[dict[str, Callable[[], object]]], dict[str, Timing]]) -> list[str]:
-    calls = {
-        "rasterize": chain.rasterize,
-        "interpolate": chain.interpolate,
-        "antialias": chain.antialias,
-        "all three": chain.whole,
-    }
-    candidates: dict[str, Callable[[], object]] = {}
-    for name, call in calls.items():
-        candidates[f"{name}, forward"] = lambda call=call: call(backward=False)
-        candidates[f"{name}, forward + backward"] = call
-    for layers in (1, 2, 4):
-        candidates[f"layers of a peeler, forward: {layers}"] = lambda layers=layers: chain.peel(layers)  # type: ignore[misc]
-    candidates["topology of the triangles"] = lambda: raster.antialias_construct_topology_hash(chain.mesh.tri)
-    return [f"| {n} | {t.median * 1e3:.1f} ms | {t.spread:.0%} |" for n, t in timed(candidates).items()]
-
-
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--device", default="cpu", help="cpu or cuda (default: %(default)s)")
-    parser.add_argument("--side", type=int, default=1024, help="pixels in each direction (default: %(default)s)")
-    parser.add_argument("--triangles", type=int, default=300_000, help="of the sphere (default: %(default)s)")
-    parser.add_argument("--rounds", type=int, default=7, help="timed rounds (default: %(default)s)")
-    options = parser.parse_args()
+    options = arguments(__doc__, device="cpu", side=1024, triangles=300_000, rounds=7)
     device = torch.device(options.device)
-    on_gpu = device.type == "cuda"
-    machine = torch.cuda.get_device_name() if on_gpu else f"{cpu_name()}, {_native.isa()}"
+    machine, synchronize = on_device(options.device)
 
     def timed(candidates: dict[str, Callable[[], object]]) -> dict[str, Timing]:
-        return measure(candidates, options.rounds, torch.cuda.synchronize if on_gpu else lambda: None)
+        return measure(candidates, options.rounds, synchronize)
 
     chain = Chain(sphere(options.triangles, device), options.side)
     covered = float((chain.rast[..., 3] > 0).float().mean())
@@ -168,7 +116,9 @@ def main() -> None:
         f"{len(chain.mesh.tri):,} triangles, {seen:,} seen; medians of {options.rounds} rounds\n"
     )
     print("| what | time | spread |\n|---|---|---|")
-    print("\n".join(ops_table(chain, timed)), flush=True)
+    both = {"forward": lambda: chain.whole(backward=False), "forward + backward": chain.whole}
+    for name, each in timed(both).items():
+        print(f"| all three, {name} | {each.median * 1e3:.1f} ms | {each.spread:.0%} |", flush=True)
 
     print(
         "\n| 8 x 8 grids, all three forward + backward | side by side | stacked in depth | ratio |\n|---|---|---|---|"

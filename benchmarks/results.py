@@ -5,12 +5,11 @@
 `python docs/remake.py --measure results-whole --materials SETS_FOLDER` runs it and keeps what it measured as a record;
 docs/results.md and other pages are made from the record.
 
-Every sub-folder of SETS_FOLDER is one texture set. Six kinds of measurements, each in a folder of its own:
+Every sub-folder of SETS_FOLDER is one texture set. Five kinds of measurements, each in a folder of its own:
 
     whole        all methods, isotropic glTF target: SNR, flicker, renders of spheres, time and memory of every bake
     crop         the middle of every set, where the per-material optimum can be had
     directional  the anisotropic target beside the isotropic one, on sets with directional bumps, generated ones too
-    filters      the default networks of all targets under all pixel filters, on the middle of some sets
     models       the material models ggx and beckmann with the networks that were trained for them
     correlated   generated materials whose channels depend on each other, and twins where they do not
 
@@ -31,6 +30,8 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from timing import keep, parser_of
 
 if TYPE_CHECKING:
     from results_measure import Asked, Plan, ResultsEffort
@@ -58,11 +59,7 @@ def up_to_date(file: Path, key: dict[str, Any]) -> bool:
 
 def folders_and_threads() -> argparse.ArgumentParser:
     """A parser of the arguments that are known before anything is imported that counts processors."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("sets", type=Path)
-    parser.add_argument("results", type=Path)
-    parser.add_argument("--threads", type=int, default=1, help="processors that are used (default: 1)")
-    return parser
+    return parser_of(__doc__, "sets", "results", threads=1)
 
 
 def main() -> int:
@@ -125,10 +122,7 @@ def run(
                 print(failed[-1], flush=True)
                 continue
             used = processor_seconds() - used
-            partial = file.with_suffix(".part")
-            found |= {"key": key, "threads": options.threads, "processor_seconds": used}
-            partial.write_text(json.dumps(found, indent=1, default=str))
-            partial.rename(file)
+            keep(found | {"key": key, "threads": options.threads, "processor_seconds": used}, file)
             print(f"{kind} {plan.name}: {time.perf_counter() - start:.0f} s, of processors {used:.0f} s", flush=True)
     if failed:
         print("these failed:", *failed, sep="\n", file=sys.stderr)

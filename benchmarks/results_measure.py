@@ -32,8 +32,6 @@ from mipbake.comparing.candidates import closed_forms, label
 from mipbake.comparing.pictures import RenderSettings, render_view
 from mipbake.comparing.scenes import standard_views
 from mipbake.comparing.validate import DEFAULT_LODS
-from mipbake.material import GLTF_MODELS, MODELS
-from mipbake.material.pixel_filter import FILTERS
 from mipbake.quality import environment, texture_space
 from mipbake.quality.figures import SCALES
 
@@ -104,13 +102,12 @@ class Asked:
 def measured(plan: Plan, effort: ResultsEffort) -> dict[str, Any]:
     """Bakes and measures."""
     source = plan.source()
-    with bakes(source, plan.methods) as baked:
-        candidates = [each.candidate for each in baked]
-        found = texture_space.measure(
-            source.filtered(plan.pixel_filter), candidates, DEFAULT_LODS, plan.in_texture_space,
-            texture_space.MeasureEffort(points=effort.points, samples=effort.samples),
-        )  # fmt: skip
-        figures, scenes = _spheres(source, baked, plan, effort)
+    baked = bakes(source, plan.methods)
+    candidates = [each.candidate for each in baked]
+    drawn = texture_space.MeasureEffort(points=effort.points, samples=effort.samples)
+    filtered = source.filtered(plan.pixel_filter)
+    found = texture_space.measure(filtered, candidates, DEFAULT_LODS, plan.in_texture_space, drawn)
+    figures, scenes = _spheres(source, baked, plan, effort)
     return {
         "name": plan.name,
         "methods": [each.to_dict() for each in baked],
@@ -215,30 +212,6 @@ def correlations(asked: Asked) -> list[Plan]:
     ]
 
 
-_EVERY = 3
-"""Of so many sets the first is measured under every pixel filter."""
-
-
-def filters(asked: Asked) -> list[Plan]:
-    """The middle of some sets under every pixel filter, for every target: the default networks and closed forms."""
-    plans = []
-    for target in MODELS:
-        source = "gltf" if target in GLTF_MODELS else target
-        for pixel_filter in FILTERS:
-            forms = [label(method, kernel) for method in ("linear", "lean") for kernel in ("box", pixel_filter)]
-            methods = specs(("neural", *dict.fromkeys(forms)), target, pixel_filter, asked.folders, source)
-            for name in list(asked.sets)[::_EVERY]:
-
-                def load(name: str = name, source: str = source) -> TextureSet:
-                    part = middle(asked.sets[name](), asked.effort.crop)
-                    return in_model(part, source) if source != part.source_model else part
-
-                extra = {"model": target, "set": name, "kind": pixel_filter, "crop": asked.effort.crop}
-                plan = Plan(f"{target}--{pixel_filter}--{name}", load, methods, extra=extra, pixel_filter=pixel_filter)
-                plans.append(plan)
-    return plans
-
-
 def _of_models(asked: Asked) -> tuple[str, ...]:
     """The paper's comparison for `ggx` and `beckmann`; of networks, those that are there."""
     named = [name for prefix in ("paper-", "mipnet-") for name in named_weights(prefix, asked.folders)]
@@ -249,7 +222,6 @@ KINDS: Mapping[str, Callable[[Asked], list[Plan]]] = {
     "whole": whole,
     "crop": crop,
     "directional": directed,
-    "filters": filters,
     "models": models,
     "correlated": correlations,
 }

@@ -1,39 +1,37 @@
-"""Which methods a measurement takes, by name, and their bakes, each in a process of its own that is timed.
+"""Which methods a measurement takes, by name, and their bakes.
 
 The names are as for `mipbake compare`, with two kinds more: `neural:WEIGHTS` is a network by the name of its
 weights, and `refine@2m` is a method within that budget. Networks without weights for the target are left out.
-
-Run as a script, this file bakes one request: it is the process of its own.
 """
 
 from __future__ import annotations
 
-import json
-import resource
-import subprocess
-import sys
-import tempfile
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mipnet_network import register
 
 from mipbake.baking.methods import METHODS, OPTIONS, method_named
 from mipbake.base.errors import UsageError
 from mipbake.comparing.candidates import chosen
-from mipbake.models.registry import WEIGHTS_FOLDER, WeightsInfo, default_weights, find_weights, list_weights
+from mipbake.models.registry import (
+    WEIGHTS_FOLDER,
+    WeightsInfo,
+    default_weights,
+    find_weights,
+    list_weights,
+    load_network,
+)
 from mipbake.quality.figures import Candidate, Method
 from mipbake.source.texture_set import TextureSet
 
 
 @dataclass(frozen=True)
 class Spec:
-    """A method as it is asked for.
+    """A method, and what its stacks depend on.
 
     Args:
         name: what tables call it.
@@ -60,25 +58,16 @@ class Spec:
         return {name: value for name, value in asdict(self).items() if name != "folder"}
 
 
-@dataclass(frozen=True)
-class Cost:
-    """What a bake took: seconds of wall clock and of processors, and the peak memory of its process in MiB."""
-
-    seconds: float
-    processor_seconds: float
-    peak_mib: float
-
-
 @dataclass(frozen=True, eq=False)
 class Baked:
-    """A stack and what it took."""
+    """A stack, and the seconds of processors that it took."""
 
     spec: Spec
     candidate: Candidate
-    cost: Cost
+    processor_seconds: float
 
     def to_dict(self) -> dict[str, Any]:
-        return asdict(self.spec) | asdict(self.cost) | {"model": self.spec.target}
+        return asdict(self.spec) | {"processor_seconds": self.processor_seconds, "model": self.spec.target}
 
 
 def specs(
@@ -138,65 +127,25 @@ def named_weights(prefix: str, folders: Sequence[Path] = ()) -> list[str]:
     return [f"neural:{name}" for name in dict.fromkeys(every) if name.startswith(prefix)]
 
 
-@contextmanager
-def bakes(source: TextureSet, wanted: Sequence[Spec]) -> Iterator[list[Baked]]:
-    """The stacks of many methods, one process after the other; levels are mapped from files that end with the context.
+def bakes(source: TextureSet, wanted: Sequence[Spec]) -> list[Baked]:
+    """The stacks of many methods, one after the other.
 
     Raises:
-        RuntimeError: a bake failed; its last words.
+        RuntimeError: a bake failed, with the names of the method and the set.
     """
-    with tempfile.TemporaryDirectory(prefix="mipbake-", ignore_cleanup_errors=True) as folder:
-        root = Path(folder)
-        np.save(root / "stored.npy", source.material(source.source_model))
-        made = []
-        for index, spec in enumerate(wanted):
-            out = root / str(index)
-            out.mkdir()
-            request = {"source": source.source_model, "wrap": source.wrap, "spec": asdict(spec)}
-            (out / "request.json").write_text(json.dumps(request))
-            run = subprocess.run([sys.executable, __file__, str(out)], capture_output=True, text=True, check=False)
-            if run.returncode:
-                raise RuntimeError(f"{spec.name} of {source.name} failed: {run.stderr.strip()[-500:]}")
-            levels = [
-                np.load(out / f"{level}.npy", mmap_mode="r") for level in range(len(list(out.glob("[0-9]*.npy"))))
-            ]
-            cost = Cost(**json.loads((out / "cost.json").read_text()))
-            method = Method(spec.name, spec.method, spec.kernel, spec.target, cost.seconds)
-            made.append(Baked(spec, Candidate(method, levels), cost))
-        yield made
-
-
-def _peak_mib() -> float:
-    """The most memory that this process has held. `ru_maxrss` also knows what started it, so Linux's own is better."""
-    status = Path("/proc/self/status")
-    if status.exists():
-        (line,) = (line for line in status.read_text().splitlines() if line.startswith("VmHWM"))
-        return int(line.split()[1]) / 1024
-    unit = 1 << 20 if sys.platform == "darwin" else 1 << 10
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
-
-
-def _bake(folder: Path) -> None:
-    """The child: reads the request, bakes, writes levels and costs."""
-    request = json.loads((folder / "request.json").read_text())
-    spec = Spec(**request["spec"])
-    stored = np.load(folder.parent / "stored.npy")
-    arguments = (stored, request["source"], spec.target, spec.kernel, tuple(request["wrap"]))
-    wall, processor = time.perf_counter(), time.process_time()
-    if spec.method == "neural":
-        from mipbake.models.registry import load_network
-
-        network = load_network(find_weights(str(spec.weights), Path(spec.folder)))
-        levels = network.bake(*arguments, lambda _share: None)
-    else:
-        prefilter = method_named(spec.method, None, spec.budget) if spec.budget else METHODS[spec.method]
-        levels = prefilter(*arguments, lambda _share: None).levels
-    cost = Cost(time.perf_counter() - wall, time.process_time() - processor, _peak_mib())
-    for index, level in enumerate(levels):
-        np.save(folder / f"{index}.npy", np.asarray(level, np.float32))
-    (folder / "cost.json").write_text(json.dumps(asdict(cost)))
-
-
-if __name__ == "__main__":
-    register()
-    _bake(Path(sys.argv[1]))
+    stored, made = source.material(source.source_model), []
+    for spec in wanted:
+        arguments = (stored, source.source_model, spec.target, spec.kernel, source.wrap, lambda _share: None)
+        began = time.process_time()
+        try:
+            if spec.method == "neural":
+                levels = load_network(find_weights(str(spec.weights), Path(spec.folder))).bake(*arguments)
+            else:
+                prefilter = method_named(spec.method, None, spec.budget) if spec.budget else METHODS[spec.method]
+                levels = prefilter(*arguments).levels
+        except Exception as error:
+            raise RuntimeError(f"{spec.name} of {source.name} failed: {error}") from error
+        seconds = time.process_time() - began
+        method = Method(spec.name, spec.method, spec.kernel, spec.target, seconds)
+        made.append(Baked(spec, Candidate(method, [np.array(level, np.float32) for level in levels]), seconds))
+    return made

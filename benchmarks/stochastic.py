@@ -1,42 +1,80 @@
-"""Figures 3, 4 and 5 of Deliot, Heitz and Belcour 2024 at a CPU's size. Prints Markdown.
+"""Figure 3 of Deliot, Heitz and Belcour 2024 at a CPU's size: soups of triangles become a picture. Prints Markdown.
 
-    python benchmarks/stochastic.py [--clock wall] [--seconds 10]
+    python benchmarks/stochastic.py [--steps 0]
 
-Figure 3: soups of triangles become a picture. Errors of pixels are credited to the triangles that the pixels show
-(equation 8), or the error of the whole image is credited to all triangles (equation 4). Both ways take as many renders.
-A soup of transparent triangles goes through a deep buffer of triangles (section 4.4).
-
-Figures 4 and 5: a mesh and its albedo or normal map, from random views, by stochastic gradients and by exact gradients
-of mipbake's own primitives. Both have the same time; then the stochastic ones have 2 and 4 times as much, and more
-until they are as good within half a decibel. They perturb everything at once, as the paper does, or vertices and texels
-in turns.
-
-Everything is seeded, but steps that are counted by time differ with the machine. `--clock processor` counts the time of
-all threads, which other processes on the machine do not disturb.
+Errors of pixels are credited to the triangles that the pixels show (equation 8), or the error of the whole image is
+credited to all triangles (equation 4). Both ways take as many renders. A soup of transparent triangles goes through a
+deep buffer of triangles (section 4.4). `--steps` takes so many steps of every soup in place of its own.
 """
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
+import math
+import time
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
-import torch
-from stochastic_meshes import (
-    AS_THE_PAPER,
-    CLOCKS,
-    IN_TURNS,
-    Scene,
-    Setting,
-    by_exact_gradients,
-    by_stochastic_gradients,
-    within,
-)
-from stochastic_soups import CREDITS, Fitted, Soup, fit
-from timing import cpu_name
+import numpy as np
+from numpy.typing import NDArray
+from timing import arguments, cpu_name, table
 
-from mipbake import _native
+from mipbake import _native, raster, stochastic
+from mipbake.stochastic import Channels, Contributions, Moments
+
+Floats = NDArray[np.float32]
+Ints = NDArray[np.int32]
+
+CREDITS = ("per pixel", "full image")
+"""Equation 8, and equation 4."""
+
+
+@dataclass(frozen=True)
+class Soup:
+    """What is optimised, and how.
+
+    Args:
+        triangles: their number; each has 3 vertices in 3D and a colour, 12 parameters.
+        side: pixels of the square image in each direction.
+        steps: of Adam.
+        estimates: of the gradient for each step, N of equation 9; each takes two renders.
+        layers: 1 where triangles are opaque; else they have an opacity too, and so many layers are blended.
+    """
+
+    triangles: int
+    side: int
+    steps: int
+    estimates: int
+    layers: int = 1
+
+    @property
+    def parameters(self) -> int:
+        return self.triangles * (12 if self.layers == 1 else 13)
+
+    @property
+    def channels(self) -> Channels:
+        """A vertex moves by 1.5 pixels, between the paper's 1 and 2. The other steps are guesses, in which a hundred
+        steps of Adam can cross the range: 1/50 of a depth, a colour or an opacity."""
+        pixel = 2 / self.side
+        place = ((1.5 * pixel, 1.5 * pixel, 0.02), (-1.1, -1.1, -0.95), (1.1, 1.1, 0.95))
+        colour = 3 if self.layers == 1 else 4
+        return Channels(
+            (*place[0] * 3, *(0.02,) * colour), (*place[1] * 3, *(0.0,) * colour), (*place[2] * 3, *(1.0,) * colour)
+        )
+
+    def drawn(self, count: int, generator: np.random.Generator) -> Floats:
+        """Triangles at random places, 1.5 of them above a pixel (a guess), in random colours."""
+        centre = generator.uniform(-1, 1, (count, 1, 2))
+        turn = generator.uniform(0, math.tau, (count, 1)) + np.array([0, 1, 2]) * (math.tau / 3)
+        # An equilateral triangle has 1.3 times the square of its radius for an area.
+        radius = math.sqrt(4 * 1.5 / self.triangles / 1.3)
+        corners = centre + radius * np.stack([np.cos(turn), np.sin(turn)], -1)
+        depth = generator.uniform(-0.9, 0.9, (count, 1, 1)).repeat(3, 1)
+        places = np.concatenate([corners, depth], -1).reshape(count, 9)
+        colours = generator.uniform(0.2, 0.8, (count, 3 if self.layers == 1 else 4))
+        return np.concatenate([places, colours], 1).astype(np.float32)
+
 
 SOUPS: Mapping[str, Soup] = {
     "1K triangles": Soup(1_000, 256, 150, 8),
@@ -46,142 +84,142 @@ SOUPS: Mapping[str, Soup] = {
 }
 """Numbers of steps are guesses, for some minutes in all. The paper has 128 estimates for each step."""
 
-MESHES: Mapping[str, Setting] = {
-    "figure 4, albedo map": Setting("albedo", texture=240, side=192),
-    "figure 5, normal map": Setting("normal", texture=240, side=192),
-}
-EXACT_RATES = (0.0015, 0.02)
-"""Adam's rates of vertices and texels: the best of a few that were tried for the albedo map."""
 
-TIMES = (1, 2, 4)
-"""How much time stochastic gradients have, in terms of what exact ones have."""
-
-LONGER = (8, 16, 32)
-"""How much more they have where they are still behind."""
-
-AIM = 0.5
-"""Decibels that stochastic gradients may be behind."""
-
-PAPER: Mapping[str, Mapping[str, float]] = {
-    "1K triangles": {"P": 12, "R": 28, "G": 13, "D": 21, "sum": 6800},
-    "10K triangles": {"P": 14, "R": 38, "G": 14, "D": 21, "sum": 8400},
-    "100K triangles": {"P": 54, "R": 126, "G": 35, "D": 105, "sum": 27000},
-}
-"""Table 3 of the paper: microseconds on an RTX 4090, of one estimate, of the one D of a step, and of a step."""
+def picture(side: int) -> Floats:
+    """(side, side, 3), rows bottom up: hills before an evening sky, a sun, a lake and a striped tower."""
+    across, up = np.meshgrid((np.arange(side) + 0.5) / side, (np.arange(side) + 0.5) / side)
+    image = np.stack([0.95 - 0.6 * up, 0.55 - 0.25 * up + 0.1 * np.sin(9 * across), 0.35 + 0.4 * up], -1)
+    sun = np.hypot(across - 0.68, up - 0.7)
+    image += np.exp(-((sun / 0.16) ** 2))[..., None] * [0.5, 0.35, 0.1]
+    image[sun < 0.07] = [1, 0.95, 0.7]
+    for index, height in enumerate((0.5, 0.4, 0.28)):
+        ridge = height + 0.06 * np.sin((5 + 3 * index) * across + index) + 0.02 * np.sin(31 * across + 5 * index)
+        shade = np.array([[0.35, 0.3, 0.5], [0.2, 0.3, 0.35], [0.08, 0.2, 0.15]][index])
+        texture = 1 + 0.25 * np.sin(60 * across + 40 * up) * np.sin(47 * up - 20 * across)
+        image = np.where((up < ridge)[..., None], shade * texture[..., None], image)
+    lake = ((across - 0.3) / 0.25) ** 2 + ((up - 0.12) / 0.07) ** 2 < 1
+    image[lake] = np.stack([0.4 + 0.3 * np.sin(90 * up), 0.5 + 0.2 * np.sin(90 * up), 0.6 + 0 * up], -1)[lake]
+    tower = (np.abs(across - 0.85) < 0.04) & (up > 0.15) & (up < 0.62)
+    image[tower] = np.where((np.mod(up * 14, 1) < 0.5)[..., None], [0.9, 0.9, 0.85], [0.7, 0.15, 0.1])[tower]
+    return np.clip(image, 0, 1).astype(np.float32)
 
 
-def soups() -> dict[str, Any]:
-    """The figures of every soup."""
-    out: dict[str, Any] = {}
-    for name, soup in SOUPS.items():
-        fitted = {credit: fit(soup, credit) for credit in CREDITS}
-        equal = min(each.curve[-1][1] for each in fitted.values())
-        out[name] = {
-            **dataclasses.asdict(soup),
-            "parameters": soup.parameters,
-            "equal seconds": equal,
-            "credits": {credit: _of_soup(each, equal, soup) for credit, each in fitted.items()},
-        }
-    return out
+def psnr(image: Floats, wanted: Floats) -> float:
+    """In dB, of values whose peak is 1."""
+    return float(-10 * np.log10(np.square(image - wanted, dtype=np.float64).mean()))
 
 
-def _of_soup(fitted: Fitted, equal: float, soup: Soup) -> dict[str, Any]:
-    estimates = soup.steps * soup.estimates
-    return {
-        "curve": fitted.curve,
-        "psnr": fitted.curve[-1][2],
-        "psnr after equal seconds": fitted.after(equal),
-        "milliseconds": {
-            stage: 1e3 * seconds / (soup.steps if stage == "D" else estimates)
-            for stage, seconds in fitted.seconds.items()
-        },
-    }
+class SoupRenderer:
+    """Renders soups. It only renders: an image, and which triangles each pixel shows."""
+
+    def __init__(self, soup: Soup) -> None:
+        self.soup = soup
+        self.context = raster.RasterizeContext()
+        self.triangles = np.arange(3 * soup.triangles, dtype=np.int32).reshape(-1, 3)
+
+    def render(self, *soups: Floats) -> list[tuple[Floats, Ints]]:
+        """(P, 3) images of soups, before black, and (P, layers) triangles, -1 for none."""
+        pos = np.ones((len(soups), 3 * self.soup.triangles, 4), np.float32)
+        for each, values in zip(pos, soups, strict=True):
+            each[:, :3] = values[:, :9].reshape(-1, 3)
+        size = (self.soup.side, self.soup.side)
+        layers = []
+        with raster.DepthPeeler(self.context, pos, self.triangles, size) as peeler:
+            for _ in range(self.soup.layers):
+                rast, _ = peeler.rasterize_next_layer()
+                layers.append(rast[..., 3].reshape(len(soups), -1).astype(np.int32) - 1)
+        ids = np.stack(layers, -1)
+        return [(self._blended(values, own), own) for values, own in zip(soups, ids, strict=True)]
+
+    def _blended(self, values: Floats, ids: Ints) -> Floats:
+        paint = np.concatenate([values[:, 9:], np.zeros_like(values[:1, 9:])])  # the last, -1, is none
+        if self.soup.layers == 1:
+            return paint[ids[:, 0]]
+        image, through = np.zeros((len(ids), 3), np.float32), np.ones((len(ids), 1), np.float32)
+        for layer in ids.T:
+            own = paint[layer]
+            image += through * own[:, 3:] * own[:, :3]
+            through *= 1 - own[:, 3:]
+        return image
 
 
-def meshes(seconds: float, clock: str) -> dict[str, Any]:
-    """The figures of every mesh."""
-    out: dict[str, Any] = {}
-    for name, setting in MESHES.items():
-        scene = Scene(setting)
-        exact = by_exact_gradients(scene, seconds, clock, *EXACT_RATES)
-        paper = by_stochastic_gradients(scene, seconds, clock, AS_THE_PAPER)
-        longer = {times: by_stochastic_gradients(scene, seconds * times, clock, IN_TURNS) for times in TIMES}
-        wanted = exact.curve[-1][1] - AIM
-        for times in LONGER:
-            if all(each.curve[-1][1] < wanted for each in longer.values()):
-                longer[times] = by_stochastic_gradients(scene, seconds * times, clock, IN_TURNS)
-        out[name] = {
-            "parameters": scene.base.numel() + setting.texture**2 * (3 if setting.kind == "albedo" else 2),
-            "runs": [(run.curve[-1][1], run.steps) for run in (exact, paper, *(longer[times] for times in TIMES))],
-            "longest": (max(longer), longer[max(longer)].curve[-1][1]),
-            "exact reaches the stochastic end": within(exact.curve, longer[1].curve[-1][1]),
-            "within the aim": next((t for t, each in longer.items() if each.curve[-1][1] >= wanted), None),
-        }
-    return out
+@dataclass
+class Fitted:
+    """Of one soup and one way of crediting: (renders, seconds, PSNR) on the way."""
+
+    curve: list[tuple[int, float, float]]
+
+    def after(self, seconds: float) -> float:
+        """PSNR at a time."""
+        return float(np.interp(seconds, [each[1] for each in self.curve], [each[2] for each in self.curve]))
 
 
-def soup_tables(found: Mapping[str, Any]) -> str:
-    """Table of figure 3, and table 3."""
-    lines = [
-        "| soup | parameters | renders | at first | per pixel | full image | both after as many seconds |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    for name, each in found.items():
-        own, whole = (each["credits"][credit] for credit in CREDITS)
-        lines.append(
-            f"| {name} | {each['parameters']:,} | {own['curve'][-1][0]:,} | {own['curve'][0][2]:.1f} dB "
-            f"| {own['psnr']:.1f} dB | {whole['psnr']:.1f} dB "
-            f"| {each['equal seconds']:.0f} s: {own['psnr after equal seconds']:.1f} dB, "
-            f"{whole['psnr after equal seconds']:.1f} dB |"
-        )
-    lines += ["", "| per pixel, for each step | P | R | G | D | sum |", "|---|---|---|---|---|---|"]
-    for name, each in found.items():
-        spent, count = each["credits"][CREDITS[0]]["milliseconds"], each["estimates"]
-        total = sum(spent[s] for s in "PRG") * count + spent["D"]
-        cells = [f"{spent[s]:.2f} ms (x {count})" for s in "PRG"]
-        lines.append(f"| {name} | {' | '.join(cells)} | {spent['D']:.2f} ms | {total:.0f} ms |")
-        if name in PAPER:
-            paper = PAPER[name]
-            cells = [f"{paper[s] / 1e3:.3f} ms (x 128)" for s in "PRG"]
-            lines.append(
-                f"| the paper, RTX 4090 | {' | '.join(cells)} | {paper['D'] / 1e3:.3f} ms | {paper['sum'] / 1e3:g} ms |"
-            )
-    return "\n".join(lines)
+def fit(soup: Soup, credit: str, seed: int = 0, measured: int = 20) -> Fitted:
+    """Optimises a soup from random triangles.
+
+    Args:
+        credit: one of CREDITS.
+        measured: how often the PSNR is measured on the way; the clock stands still meanwhile.
+    """
+    generator = np.random.default_rng(seed)
+    channels, renderer = soup.channels, SoupRenderer(soup)
+    wanted = picture(soup.side).reshape(-1, 3)
+    values = soup.drawn(soup.triangles, generator)
+    gradient, moments, sides = np.zeros_like(values), Moments.of(values), (values.copy(), values.copy())
+    everything = stochastic.contributions(np.arange(soup.triangles, dtype=np.int32)[None])
+    curve = [(0, 0.0, psnr(renderer.render(values)[0][0], wanted))]
+    measuring, began = 0.0, time.perf_counter()
+    for step in range(soup.steps):
+        moved = np.zeros(soup.triangles, bool)
+        for number in range(step * soup.estimates, (step + 1) * soup.estimates):
+            stochastic.perturb(values, channels, number, seed, None, sides)
+            (plus, of_plus), (minus, of_minus) = renderer.render(*sides)
+            differences = stochastic.pixel_differences(plus, minus, wanted)
+            made_of: Contributions = everything
+            if credit == CREDITS[0]:
+                made_of = stochastic.contributions(np.concatenate([of_plus, of_minus], 1))
+            else:
+                differences = differences.sum(keepdims=True)
+            stochastic.add_gradient(gradient, differences, made_of, channels, number, seed)
+            moved[made_of.elements] = True
+        elements = np.flatnonzero(moved).astype(np.int32)
+        stochastic.descend(values, gradient, moments, channels, 1.0, elements)
+        resample(soup, values, moments, generator)
+        if (step + 1) * measured // soup.steps > step * measured // soup.steps:
+            stopped = time.perf_counter()
+            image = renderer.render(values)[0][0]
+            curve.append(((step + 1) * soup.estimates * 2, stopped - began - measuring, psnr(image, wanted)))
+            measuring += time.perf_counter() - stopped
+    return Fitted(curve)
 
 
-def mesh_table(found: Mapping[str, Any], seconds: float) -> str:
-    """PSNR over held-out views."""
-    ways = [f"exact, {seconds:g} s", f"all at once, {seconds:g} s", *(f"in turns, {t * seconds:g} s" for t in TIMES)]
-    lines = [
-        f"| mesh | parameters | {' | '.join(ways)} | exact is as far as {ways[2]}, after "
-        f"| in turns within {AIM:g} dB of exact, after |",
-        "|---|---|---|---|---|---|" + "---|" * len(TIMES),
-    ]
-    for name, each in found.items():
-        earlier, within_aim = each["exact reaches the stochastic end"], each["within the aim"]
-        longest, psnr = each["longest"]
-        reached = f"not in {longest * seconds:g} s" if within_aim is None else f"{within_aim * seconds:g} s"
-        if longest not in TIMES:
-            reached += f" ({psnr:.1f} dB)"
-        lines.append(
-            f"| {name} | {each['parameters']:,} | "
-            + " | ".join(f"{value:.1f} dB, {steps:,} steps" for value, steps in each["runs"])
-            + f" | {'not' if earlier is None else f'{earlier:.1f} s'} | {reached} |"
-        )
-    return "\n".join(lines)
+def resample(soup: Soup, values: Floats, moments: Moments, generator: np.random.Generator) -> None:
+    """Triangles of less than half a pixel (a guess) begin again at another place, in their colour (section 5)."""
+    a, b, c = (values[:, 3 * corner : 3 * corner + 2] for corner in range(3))
+    (x, y), (s, t) = (b - a).T, (c - a).T
+    thin = np.flatnonzero(np.abs(x * t - y * s) / 2 < 0.5 * (2 / soup.side) ** 2)
+    values[thin, :9] = soup.drawn(len(thin), generator)[:, :9]
+    arrays: tuple[Any, ...] = (moments.first, moments.second, moments.steps)
+    for array in arrays:
+        array[thin] = 0
+
+
+def row(name: str, soup: Soup) -> list[str]:
+    """A line of the table: both ways of crediting."""
+    own, whole = (fit(soup, credit) for credit in CREDITS)
+    equal = min(each.curve[-1][1] for each in (own, whole))
+    ends = (f"{each.curve[-1][2]:.1f} dB" for each in (own, whole))
+    after = ", ".join(f"{each.after(equal):.1f} dB" for each in (own, whole))
+    renders, first = own.curve[-1][0], own.curve[0][2]
+    return [name, f"{soup.parameters:,}", f"{renders:,}", f"{first:.1f} dB", *ends, f"{equal:.0f} s: {after}"]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--clock", choices=tuple(CLOCKS), default="wall", help="of meshes (default: %(default)s)")
-    parser.add_argument("--seconds", type=float, default=10.0, help="of exact gradients (default: %(default)s)")
-    options = parser.parse_args()
-    # Images are small: torch's own threads would wait for each other. The native core has threads of its own.
-    torch.set_num_threads(1)
-    machine = f"{cpu_name()}, {_native.isa()}; {_native.num_threads()} threads; torch {torch.__version__}"
-    print(f"{machine}\n", flush=True)
-    print(soup_tables(soups()), flush=True)
-    print("\n" + mesh_table(meshes(options.seconds, options.clock), options.seconds))
+    options = arguments(__doc__, steps=0)
+    print(f"{cpu_name()}, {_native.isa()}; {_native.num_threads()} threads\n", flush=True)
+    heads = ["soup", "parameters", "renders", "at first", *CREDITS, "both after as many seconds"]
+    soups = {name: dataclasses.replace(soup, steps=options.steps or soup.steps) for name, soup in SOUPS.items()}
+    print(table(heads, [row(name, soup) for name, soup in soups.items()]))
 
 
 if __name__ == "__main__":

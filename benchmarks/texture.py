@@ -12,13 +12,12 @@ candidates; the spread is (largest - smallest) / median.
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
-from timing import Timing, cpu_name, measure
+from timing import Timing, arguments, measure, on_device
 from torch import Tensor
 from torch.nn.functional import grid_sample
 
@@ -72,8 +71,7 @@ class Bench:
         self.grad_planar = self.grad.permute(0, 3, 1, 2).contiguous()
 
     def timed(self, candidates: dict[str, Callable[[], object]]) -> dict[str, Timing]:
-        on_gpu = self.device.type == "cuda"
-        return measure(candidates, self.rounds, torch.cuda.synchronize if on_gpu else lambda: None)
+        return measure(candidates, self.rounds, on_device(str(self.device))[1])
 
     def theirs(self, lookups: Lookups, needs: str) -> Callable[[], object]:
         grid = lookups.uv * 2 - 1
@@ -135,28 +133,15 @@ class Bench:
             lookups.uv_da * torch.tensor([1.0, 0.25, 1.0, 0.25], device=self.device),
             lookups.lod,
         )
-        faces = self.tex.reshape(1, 4, 2048, 512, CHANNELS)[:, :, :512].repeat(1, 2, 1, 1, 1)[:, :6].contiguous()
-        cube = sampling.texture_construct_mip(faces, cube_mode=True)
-        vectors = torch.nn.functional.normalize(torch.randn(1, self.side, self.side, 3, device=self.device), dim=-1)
-        vector_da = torch.randn(1, self.side, self.side, 6, device=self.device) / 512
-        candidates: dict[str, Callable[[], object]] = {
-            "anisotropic, 4 : 1": self.ours(stretched, "", "anisotropic"),
-            "cube 512, trilinear, random directions": lambda: sampling.texture(
-                faces, vectors, vector_da, mip=cube, boundary_mode="cube"
-            ),
-        }
+        candidates: dict[str, Callable[[], object]] = {"anisotropic, 4 : 1": self.ours(stretched, "", "anisotropic")}
         count = self.side**2
         return [f"| {lookups.name}, {name}, forward | {t.text(count)} |" for name, t in self.timed(candidates).items()]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--device", default="cpu", help="cpu or cuda (default: %(default)s)")
-    parser.add_argument("--side", type=int, default=1024, help="lookups in each direction (default: %(default)s)")
-    parser.add_argument("--rounds", type=int, default=7, help="timed rounds (default: %(default)s)")
-    options = parser.parse_args()
+    options = arguments(__doc__, device="cpu", side=1024, rounds=7)
     device = torch.device(options.device)
-    machine = torch.cuda.get_device_name() if device.type == "cuda" else f"{cpu_name()}, {_native.isa()}"
+    machine, _ = on_device(options.device)
     print(
         f"{machine}; {_native.num_threads()} threads ({torch.get_num_threads()} for torch); torch {torch.__version__}; "
         f"{options.side} x {options.side} lookups; "

@@ -1,20 +1,15 @@
 """How many texture sets an hour are baked, by size, method, format and number of processes, beside maketx.
 
     python benchmarks/throughput.py [--results FILE] [--sizes 512 1024 2048] [--methods linear lean neural auto]
-    python benchmarks/throughput.py [--results FILE] --sizes 4096 --parts
 
 The sets are generated (examples/generate.py), and written by every method as half floats with all levels: `exr:half`
 of mipbake, and `.exr` of maketx, which comes with OpenImageIO. maketx makes plain MIP maps of single files, and is
 called once for each map, so many at once as mipbake has processes. Its time is the floor: it filters each map for
-itself, and measures nothing. One size is baked into other formats as well. With `--parts` the parts of one set of the
-largest size are told: what its phases take, the processor's time, the peak of memory, and bytes read and written; and
-the same where mipbake is held to less memory.
+itself, and measures nothing. One size is baked into other formats as well.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
 import shutil
 import subprocess
@@ -23,12 +18,11 @@ import tempfile
 import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from bake import ENVIRONMENT, generator
-from timing import cpu_name, keep
+from timing import arguments, keep
 
 COMMAND = [sys.executable, "-c", "from mipbake.cli.main import run; run()", "bake"]
 JOBS = (1, 2)
@@ -40,11 +34,6 @@ SETS = {512: 8, 1024: 6, 2048: 4}
 
 LARGE, LARGE_SETS = "hammered_copper", 2
 """Of all other sizes there are so many sets, all of this example: two processes then have as much to do each."""
-
-HELD = "2G"
-"""What a bake is held to, as many processes on a small machine are."""
-
-_LOOK = 0.02  # seconds between two looks at the memory of a process
 
 
 def make(root: Path, size: int, count: int) -> None:
@@ -98,51 +87,9 @@ def rates(library: Path, sets: int, program: str, container: str = FORMATS[0]) -
     return found
 
 
-def peak_of(process: subprocess.Popen[str]) -> int:
-    """The most memory in bytes that a process has held, as Linux tells it until the process ends.
-
-    `ru_maxrss` is no peak of its own: it begins with what the process held that started it.
-    """
-    peak = 0
-    while process.poll() is None:
-        with suppress(OSError):
-            lines = Path(f"/proc/{process.pid}/status").read_text().splitlines()
-            peak = max(peak, *(int(line.split()[1]) << 10 for line in lines if line.startswith("VmHWM")), 0)
-        time.sleep(_LOOK)
-    return peak
-
-
-def parts(source: Path, method: str, memory: str | None = None) -> dict[str, Any]:
-    """What one bake by one process takes, and what of it goes where; `memory`: what it is held to."""
-    out = source.parent.with_name("out")
-    command = [*COMMAND, str(source), "-o", str(out), "--method", method, "--format", FORMATS[0], "--json"]
-    command += [] if memory is None else ["--memory", memory]
-    before = os.times()
-    begun = time.perf_counter()
-    with tempfile.TemporaryFile("w+") as printed:
-        process = subprocess.Popen(command, stdout=printed, stderr=subprocess.DEVNULL, env=ENVIRONMENT, text=True)
-        peak = peak_of(process)
-        seconds, after = time.perf_counter() - begun, os.times()
-        assert process.returncode == 0, method
-        printed.seek(0)
-        told = json.load(printed)
-    found = {
-        "seconds": round(seconds, 2),
-        "processor": round(
-            after.children_user + after.children_system - before.children_user - before.children_system, 2
-        ),
-        "phases": {name: round(value, 2) for name, value in told["results"][0]["seconds"].items()},
-        "memory": peak,
-        "read": sum(file.stat().st_size for file in source.iterdir()),
-        "written": told["results"][0]["bytes"],
-    }
-    shutil.rmtree(out)
-    return found
-
-
-def measured(folder: Path, sizes: Sequence[int], methods: Sequence[str], with_parts: bool) -> dict[str, Any]:
+def measured(folder: Path, sizes: Sequence[int], methods: Sequence[str]) -> dict[str, Any]:
     """Everything."""
-    found: dict[str, Any] = {"machine": cpu_name(), "cores": os.cpu_count(), "sizes": {}, "formats": {}, "parts": {}}
+    found: dict[str, Any] = {"sizes": {}, "formats": {}}
     for size in sizes:
         library, sets = folder / f"library{size}", SETS.get(size, LARGE_SETS)
         make(library, size, sets)
@@ -154,23 +101,14 @@ def measured(folder: Path, sizes: Sequence[int], methods: Sequence[str], with_pa
             for container in FORMATS:
                 found["formats"][container] = rates(library, sets, methods[0], container)
                 print(size, container, found["formats"][container], flush=True)
-        for method in methods if with_parts and size == max(sizes) else ():
-            found["parts"][method] = parts(library / "set00", method)
-            found["parts"][method]["held"] = parts(library / "set00", method, HELD)
-            print(size, method, found["parts"][method], flush=True)
         shutil.rmtree(library)
     return found
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--results", type=Path)
-    parser.add_argument("--sizes", type=int, nargs="+", default=[512, 1024, 2048])
-    parser.add_argument("--parts", action="store_true", help="what a set of the largest size takes, part by part")
-    parser.add_argument("--methods", nargs="+", default=["linear", "lean", "neural", "auto"])
-    options = parser.parse_args()
+    options = arguments(__doc__, results=None, sizes=(512, 1024, 2048), methods=("linear", "lean", "neural", "auto"))
     with tempfile.TemporaryDirectory() as name:
-        found = measured(Path(name), options.sizes, options.methods, options.parts)
+        found = measured(Path(name), options.sizes, options.methods)
     keep(found, options.results)
 
 

@@ -8,7 +8,6 @@ drawn in a second thread while a step is under way.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import platform
 import statistics
@@ -17,6 +16,7 @@ from collections import defaultdict
 from pathlib import Path
 
 import torch
+from timing import arguments
 
 from mipbake.base.allocator import keep_freed_memory
 from mipbake.training import loop, loss
@@ -86,29 +86,24 @@ def whole_loop(config: TrainingConfig, materials: Materials, steps: int) -> list
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--config", type=Path, default=PAPER, help="default: paper-ggx.toml")
-    parser.add_argument(
-        "--threads", type=int, default=loop.threads_beside_batches(), help="torch's (default: as in training)"
-    )
-    parser.add_argument("--steps", type=int, default=100, help="measured steps (default 100)")
-    arguments = parser.parse_args()
-    torch.set_num_threads(arguments.threads)
+    options = arguments(__doc__, config=None, threads=loop.threads_beside_batches(), steps=100)
+    torch.set_num_threads(options.threads)
     keep_freed_memory()
-    config = read_config(arguments.config)
+    path = options.config or PAPER
+    config = read_config(path)
     config = dataclasses.replace(config, data=DataConfig(procedural_sets=16))
     materials, _ = load_materials(config)
     state, watch = loop.new_state(config), Stopwatch()
     loop.fit_whitening(state.network, materials, config)
     for step in range(10):
         one_step(state, materials, step, Stopwatch())
-    for step in range(arguments.steps):
+    for step in range(options.steps):
         one_step(state, materials, step, watch)
     loss_config = config.loss
     evaluations = loss_config.crops * loss_config.pairs * loss_config.lods * loss_config.crop_size**2
     print(f"{platform.processor() or platform.machine()}, {torch.get_num_threads()} threads, torch {torch.__version__}")
     print(
-        f"{arguments.config.name}: {evaluations} predicted evaluations with gradients, "
+        f"{path.name}: {evaluations} predicted evaluations with gradients, "
         f"{evaluations * loss_config.target_samples} of targets"
     )
     total = 0.0
@@ -116,7 +111,7 @@ def main() -> None:
         total += statistics.median(times)
         print(f"{part:28} {1e3 * statistics.median(times):8.2f} ms")
     print(f"{'sum':28} {1e3 * total:8.2f} ms")
-    times = sorted(whole_loop(config, materials, arguments.steps))
+    times = sorted(whole_loop(config, materials, options.steps))
     low, middle, high = times[len(times) // 10], times[len(times) // 2], times[9 * len(times) // 10]
     print(f"{'whole loop, median':28} {1e3 * middle:8.2f} ms (10 % to 90 %: {1e3 * low:.2f} to {1e3 * high:.2f})")
 

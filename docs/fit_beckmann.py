@@ -1,6 +1,6 @@
-"""Where the numbers of the `beckmann` model come from: `python docs/fit_beckmann.py [OUT]`, minutes on one core.
+"""Where the numbers of the `beckmann` model come from: `python docs/fit_beckmann.py [--results FILE]`, minutes.
 
-`python docs/remake.py --measure beckmann` keeps what it writes to OUT. It prints
+`python docs/remake.py --measure beckmann` keeps what it writes to the file. It prints
 
 1. the polynomials of csrc/shading/beckmann_masking.h, and how far they are from erfc;
 2. for each alpha, the `beckmann` mirror that is nearest to a GGX mirror, what `mipbake.material.ggx_to_beckmann` keeps
@@ -18,20 +18,20 @@ lobes are brightest and differ most. Weights of networks that convert between th
 
 from __future__ import annotations
 
-import argparse
-import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.polynomial import Chebyshev, Polynomial
 from numpy.typing import NDArray
+from records.scripts import script
 from scipy.optimize import least_squares, minimize, minimize_scalar
 from scipy.special import erfc, erfcx, gamma
 
 from mipbake import material
 from mipbake.quality.metrics.pairs import NEAR_MIRROR_SPREAD
 from mipbake.shading import shade
+
+timing = script("benchmarks", "timing")
 
 Array = NDArray[np.float64]
 
@@ -147,9 +147,7 @@ def curve(values: Array) -> tuple[Array, float]:
 
 def main() -> None:
     """Prints everything, and writes what conversions keep."""
-    parser = argparse.ArgumentParser(description="the numbers of the beckmann model")
-    parser.add_argument("out", type=Path, nargs="?", help="a .json file of what conversions keep")
-    options = parser.parse_args()
+    options = timing.arguments(__doc__, results=None)
     for reach, degree in ((4, 9), (6, 16)):
         powers, error = masking_polynomial(reach, degree)
         print(f"masking, a to {reach}, error of erfc {error:.1e}: " + ", ".join(f"{c:.17g}" for c in powers))
@@ -176,17 +174,9 @@ def main() -> None:
     print(", ".join(f"{g:.2f}: {shift:.3f} ({dB:.1f})" for g, (shift, dB) in zip(LOG_GAMMAS, found, strict=True)))
     off = float(np.abs(fitted(LOG_GAMMAS) - shifts).max())
     print(f"polynomial: {np.round(fitted.coef, 4).tolist()}, off by {off:.4f} at most")
-    if options.out:
-        narrow = {f"{g:g}": list(each) for g, each in zip(LOG_GAMMAS, found, strict=True)}
-        written = {
-            "rule": by_rule,
-            "nearest": nearest,
-            "curves": curves,
-            "narrow": narrow,
-            "polynomial": fitted.coef.tolist(),
-            "off": off,
-        }
-        options.out.write_text(json.dumps(written), encoding="utf-8")
+    narrow = {f"{g:g}": list(each) for g, each in zip(LOG_GAMMAS, found, strict=True)}
+    written = {"rule": by_rule, "nearest": nearest, "curves": curves, "narrow": narrow}
+    timing.keep(written | {"polynomial": fitted.coef.tolist(), "off": off}, options.results)
 
 
 if __name__ == "__main__":

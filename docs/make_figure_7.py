@@ -1,10 +1,7 @@
-"""Makes the pictures and figures of docs/figure-7.md: one material read and made in every material model, after
-figure 7 of Kemppinen et al. 2023.
+"""Makes the pictures and figures of figure 7 in docs/paper-figures.md: one material read and made in every material
+model, after figure 7 of Kemppinen et al. 2023.
 
-    python docs/make_figure_7.py --figures FILE [PAGE] [--set FOLDER] [--side 112] [--passes 512] [--methods ...]
-
-`python docs/remake.py --measure figure-7` runs it and writes the page from its figures; pictures are written beside
-the page.
+    python docs/make_figure_7.py FOLDER [--results FILE] [--set SET] [--side 112] [--passes 512] [--methods ...]
 
 The material is converted to each model in turn (as `mipbake convert` does), and that is the input, whose supersampled
 render is the reference. Stacks of every model are baked from it: by closed forms and by measurement, which convert
@@ -14,18 +11,15 @@ with `paper-`, and the default networks. A network that is not there has no row.
 
 from __future__ import annotations
 
-import argparse
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pictures
 from numpy.typing import NDArray
 from PIL import Image
-from records.wrapping import table
+from records.scripts import script
 
 import mipbake
 from mipbake.baking.bake import DEFAULT_FILTER
@@ -40,35 +34,12 @@ from mipbake.quality import environment
 from mipbake.quality.figures import Candidate, Method
 from mipbake.source.texture_set import TextureSet
 
-PAGE = Path(__file__).resolve().parent / "figure-7.md"
+timing = script("benchmarks", "timing")
+
 SET = Path(__file__).resolve().parent.parent / "examples" / "brushed_steel"
 MODELS = ("ggx", "beckmann", "gltf", "gltf-anisotropic")
 SCALES = ("near", "middle", "far")
 NEURAL, PAPER, CROSS = "neural", "paper-", "paper-cross"
-
-GAP, LEFT, HEAD, LINE = 10, 66, 52, 18  # pixels
-
-_TEXT = """\
-# Figure 7: one material, every model
-
-After figure 7 of [Kemppinen et al. 2023](method.md): a material is given in one material model, and stacks of all
-models show it. The material is `{name}` of the [examples](../examples/README.md). It is converted to each model in
-turn, and that is the input. The first column of a picture is the supersampled reference, shaded in the input's model.
-The other columns are stacks by `{shown}` in the model that stands above them. Spheres are near, in the middle and far
-away (levels of detail 0, 3 and 7). Under each stand its SNR and its FLIP, and the best of a row is green.
-`docs/make_figure_7.py` makes this page.
-
-The table has the SNR of `{method}` in dB, {scales}. A row is an input, and a column is the model of a stack. The
-[record](../benchmarks/records/figure-7.json) has FLIP and the other methods.
-
-{table}
-
-What to look for is how far the other stacks are behind the stack in the input's own model:
-
-- `gltf` has one roughness, so it shows brush marks as a round blur.
-- The tails of GGX are longer than the tails of `beckmann`, and no stack can mend that.
-- A matte dielectric differs between glTF and the other two models ([known limits](validation.md#known-limits)).
-"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,33 +107,21 @@ def spheres(
     return found, references
 
 
-def composed(
-    source: str, method: str, found: Shown, references: Mapping[str, pictures.Picture], side: int
-) -> Image.Image:
+def composed(source: str, method: str, found: Shown, references: Mapping[str, pictures.Picture]) -> Image.Image:
     """Reference and outputs of an input, a row for each scale."""
     outputs = [model for model in MODELS if (method, model, SCALES[0]) in found]
-    row = side + 2 * LINE
-    image, pen = pictures.panel(LEFT + (1 + len(outputs)) * (side + GAP), HEAD + len(SCALES) * row + GAP // 2)
-    pen.text((GAP, 22), f"input {source}, {method}", pictures.BRIGHT, pictures.font(16), anchor="ls")
-    for column, head in enumerate(("reference", *outputs)):
-        middle = LEFT + column * (side + GAP) + side // 2
-        pen.text((middle, 44), head, pictures.BRIGHT if head != source else pictures.GOOD, pictures.font(13), "ms")
-    for index, scale in enumerate(SCALES):
-        top = HEAD + index * row
-        pen.text((GAP, top + side // 2), scale, pictures.BRIGHT, pictures.font(14), anchor="lm")
-        image.paste(Image.fromarray(references[scale]), (LEFT, top))
-        row_of = [found[method, output, scale] for output in outputs]
-        for column, sphere in enumerate(row_of, 1):
-            left = LEFT + column * (side + GAP)
-            image.paste(Image.fromarray(sphere.picture), (left, top))
-            figures = {
-                f"{sphere.snr:.1f} dB": sphere.snr == max(each.snr for each in row_of),
-                f"FLIP {sphere.flip:.3f}": sphere.flip == min(each.flip for each in row_of),
-            }
-            for line, (words, best) in enumerate(figures.items()):
-                place = (left + side // 2, top + side + 13 + line * 15)
-                pen.text(place, words, pictures.GOOD if best else pictures.DIM, pictures.font(12), anchor="ms")
-    return image
+    rows = {}
+    for scale in SCALES:
+        row = [found[method, output, scale] for output in outputs]
+        snr, flip = max(each.snr for each in row), min(each.flip for each in row)
+        cells = (
+            pictures.Cell(
+                each.picture, [f"{each.snr:.1f} dB", f"FLIP {each.flip:.3f}"], [each.snr == snr, each.flip == flip]
+            )
+            for each in row
+        )
+        rows[f"{source}, {scale}"] = [pictures.Cell(references[scale]), *cells]
+    return pictures.grid(["reference", *outputs], rows)
 
 
 def tabulated(found: Shown) -> dict[str, dict[str, list[list[float]]]]:
@@ -174,44 +133,21 @@ def tabulated(found: Shown) -> dict[str, dict[str, list[list[float]]]]:
     return rows
 
 
-def page_of(data: Mapping[str, Any], stem: str = PAGE.stem) -> str:
-    """The Markdown page of what was measured; `stem` is what the names of its pictures begin with."""
-    outputs = list(next(iter(data["inputs"].values())))
-    method = [name for name in next(iter(data["inputs"].values()))[outputs[0]] if name in METHODS and name != NEURAL][
-        -1
-    ]
-    rows = [
-        [f"`{source}`", *(" / ".join(f"{snr:.1f}" for snr, _ in stacks[output][method]) for output in outputs)]
-        for source, stacks in data["inputs"].items()
-    ]
-    made = table(["input", *(f"`{output}`" for output in outputs)], rows)
-    scales = " / ".join(data["scales"])
-    parts = [_TEXT.format(name=data["set"], shown=data["shown"], method=method, scales=scales, table=made)]
-    for source in data["inputs"]:
-        parts.append(f"![Spheres of every output model beside a reference in {source}]({stem}-{source}.webp)\n")
-    return "\n".join(parts)
-
-
 def main() -> None:
-    parser = argparse.ArgumentParser(description="the pictures and figures of figure 7")
-    parser.add_argument("page", type=Path, nargs="?", default=PAGE)
-    parser.add_argument("--figures", type=Path, required=True, help="a .json file of what was measured")
-    parser.add_argument("--set", type=Path, default=SET, help="a texture set")
-    parser.add_argument("--side", type=int, default=112, help="pixels of a sphere's picture")
-    parser.add_argument("--passes", type=int, default=512, help="samples a pixel of a reference, at most")
-    parser.add_argument("--methods", nargs="+", default=["linear", "lean", "auto"], choices=METHODS)
-    options = parser.parse_args()
+    options = timing.arguments(
+        __doc__, "folder", results=None, set=SET, side=112, passes=512, methods=("linear", "lean", "auto")
+    )
     texture_set = mipbake.load(options.set)
     trained = list(dict.fromkeys(name for source in MODELS for model in MODELS for name in networks(source, model)))
     method = CROSS if CROSS in trained else options.methods[-1]
     inputs = {}
     for source in MODELS:
         found, references = spheres(texture_set, source, options.methods, options.side, options.passes)
-        picture = composed(source, method, found, references, options.side)
-        picture.save(options.page.parent / f"{options.page.stem}-{source}.webp", quality=92, method=6)
+        picture = composed(source, method, found, references)
+        picture.save(options.folder / f"figure-7-{source}.webp", quality=92, method=6)
         inputs[source] = tabulated(found)
     about = {"set": texture_set.name, "shown": method, "networks": trained, "scales": SCALES, "inputs": inputs}
-    options.figures.write_text(json.dumps(about), encoding="utf-8")
+    timing.keep(about, options.results)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Makes the pictures of docs/paper-figures.md, and the figures below them: figures 3, 4, 6, 8, 9, 10 and 11 of
 Kemppinen et al. 2023, with materials of this project.
 
-    python docs/make_paper_pictures.py FOLDER --figures FILE [--side 128] [--passes 256]
+    python docs/make_paper_pictures.py FOLDER [--results FILE] [--side 128] [--passes 256]
 
 `python docs/remake.py --measure paper-pictures` runs it. The materials are the examples, converted to the paper's
 material models and boosted (a little glossier and bumpier, section 4 of the paper), and generated ones. Columns are
@@ -10,11 +10,7 @@ the methods that the paper compares: naive averaging, LEAN mapping, MIPNet, the 
 
 from __future__ import annotations
 
-import argparse
-import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -40,15 +36,14 @@ from mipbake.quality.metrics.images import displayed
 from mipbake.shading import shade
 from mipbake.training.augmentation import augment, mix
 
-mipnet_network, results_sets, cases = (
-    script("benchmarks", name) for name in ("mipnet_network", "results_sets", "paper_page.cases")
+mipnet_network, results_sets, cases, timing = (
+    script("benchmarks", name) for name in ("mipnet_network", "results_sets", "paper_page.cases", "timing")
 )
 
 BASELINES = ROOT / "benchmarks" / "baselines"
 EXAMPLES = ("lacquered_leather", "hammered_copper", "brushed_steel")
 MANY_LOBES = "knurled_plate"
 SCALES = ("middle", "far")
-GAP, HEAD, LINE, LEFT = 6, 24, 18, 118  # pixels
 
 Array = NDArray[np.float32]
 
@@ -87,36 +82,6 @@ def filtered(source: Any) -> FilteredSource:
     return FilteredSource(source.stored, source.model, source.wrap, DEFAULT_FILTER)
 
 
-@dataclass(frozen=True, eq=False)
-class Row:
-    """A row of a picture: its name, and pictures (H, W, 3) sRGB of every column, with the words below each."""
-
-    name: str
-    cells: Sequence[tuple[pictures.Picture, str]]
-
-
-def composed(heads: Sequence[str], rows: Sequence[Row]) -> Image.Image:
-    """Rows of pictures under the names of their columns."""
-    wide = [max(row.cells[column][0].shape[1] for row in rows) for column in range(len(heads))]
-    high = [max(cell.shape[0] for cell, _ in row.cells) + (LINE if any(words for _, words in row.cells) else GAP)
-            for row in rows]  # fmt: skip
-    left = LEFT if any(row.name for row in rows) else GAP
-    image, pen = pictures.panel(left + sum(wide) + GAP * len(wide), HEAD + sum(high) + GAP)
-    top = HEAD
-    for row, height in zip(rows, high, strict=True):
-        for line, words in enumerate(row.name.split(", ")):
-            pen.text((GAP, top + height // 2 + 16 * line - 8), words, pictures.BRIGHT, pictures.font(12), "lm")
-        at = left
-        for head, width, (cell, words) in zip(heads, wide, row.cells, strict=True):
-            if top == HEAD:
-                pen.text((at + width // 2, HEAD - 8), head, pictures.BRIGHT, pictures.font(13), "ms")
-            image.paste(Image.fromarray(cell), (at, top))
-            pen.text((at + width // 2, top + cell.shape[0] + 13), words, pictures.DIM, pictures.font(11), "ms")
-            at += width + GAP
-        top += height
-    return image
-
-
 def bytes_of(radiance: Array) -> pictures.Picture:
     return np.round(displayed(radiance.astype(np.float64)) * 255).astype(np.uint8)
 
@@ -137,21 +102,21 @@ def augmentations(model: str = "ggx", side: int = 64, count: int = 8) -> Image.I
         image = bytes_of(np.array([3.0, 0.3]) @ radiance.reshape(2, -1)).reshape(side, side, 3)
         return image.repeat(2, 0).repeat(2, 1)
 
-    cells = [(lit(each), "") for each in (patch[0], *changed)]
+    patches = [lit(each) for each in (patch[0], *changed)]
     half = count // 2
-    heads = [shown_name(name), *[""] * (half - 1)]
-    return composed(heads, [Row("", cells[:half]), Row("", cells[half:])])
+    columns = [np.concatenate([above, below]) for above, below in zip(patches[:half], patches[half:], strict=True)]
+    return pictures.grid([shown_name(name), *[""] * (half - 1)], {"": [pictures.Cell(each) for each in columns]})
 
 
 def shown_name(name: str) -> str:
     return name.replace("_", " ")
 
 
-def of_plot(plot: Plot, words: Mapping[str, str]) -> tuple[list[str], list[tuple[pictures.Picture, str]]]:
-    """Heads and cells of a plot, the reference last."""
+def of_plot(plot: Plot, words: Mapping[str, str]) -> Image.Image:
+    """A plot of every method, with words below, the reference last."""
     heads = [*(cases.shown(name) for name in plot.images), "reference"]
-    cells = [(bytes_of(image), words.get(name, "")) for name, image in plot.images.items()]
-    return heads, [*cells, (bytes_of(plot.reference), "")]
+    cells = [pictures.Cell(bytes_of(image), [words[name]]) for name, image in plot.images.items()]
+    return pictures.grid(heads, {"": [*cells, pictures.Cell(bytes_of(plot.reference))]})
 
 
 def temporal(source: Any, side: int, passes: int) -> tuple[Image.Image, dict[str, float]]:
@@ -160,8 +125,7 @@ def temporal(source: Any, side: int, passes: int) -> tuple[Image.Image, dict[str
         filtered(source), stacks(source), environment.studio(), size=(side, side * 4 // 3), passes=passes
     )
     flicker = {figure.method: figure.value for figure in figures if figure.measure == "flicker"}
-    heads, cells = of_plot(plot, {name: f"flicker {value:.2f}" for name, value in flicker.items()})
-    return composed(heads, [Row("", cells)]), flicker
+    return of_plot(plot, {name: f"flicker {value:.2f}" for name, value in flicker.items()}), flicker
 
 
 def moved(source: Any, side: int, passes: int) -> tuple[Image.Image, dict[str, float]]:
@@ -170,8 +134,7 @@ def moved(source: Any, side: int, passes: int) -> tuple[Image.Image, dict[str, f
     made = render_view(view, filtered(source), stacks(source), RenderSettings(max_passes=passes), flicker=True)
     assert made.change is not None
     flicker = {figure.method: figure.value for figure in made.figures if figure.measure == "flicker"}
-    heads, cells = of_plot(made.change, {name: f"flicker {value:.2f}" for name, value in flicker.items()})
-    return composed(heads, [Row("", cells)]), flicker
+    return of_plot(made.change, {name: f"flicker {value:.2f}" for name, value in flicker.items()}), flicker
 
 
 def apparent(source: Any, side: int) -> tuple[Image.Image, dict[str, float]]:
@@ -182,8 +145,7 @@ def apparent(source: Any, side: int) -> tuple[Image.Image, dict[str, float]]:
         name: float(10 * np.log10(energy / np.square(image - plot.reference, dtype=np.float64).sum()))
         for name, image in plot.images.items()
     }
-    heads, cells = of_plot(plot, {name: f"{value:.1f} dB" for name, value in snr.items()})
-    return composed(heads, [Row("", cells)]), snr
+    return of_plot(plot, {name: f"{value:.1f} dB" for name, value in snr.items()}), snr
 
 
 def views(source: Any, side: int) -> Sequence[View]:
@@ -193,7 +155,7 @@ def views(source: Any, side: int) -> Sequence[View]:
 
 def overview(sources: Mapping[str, Any], side: int, passes: int) -> tuple[Image.Image, dict[str, dict[str, float]]]:
     """Figures 9, 10 and 11: spheres of materials from two distances, and their SNR."""
-    rows: list[Row] = []
+    rows: dict[str, list[pictures.Cell]] = {}
     heads: list[str] = []
     found: dict[str, dict[str, float]] = {}
     for name, source in sources.items():
@@ -201,20 +163,18 @@ def overview(sources: Mapping[str, Any], side: int, passes: int) -> tuple[Image.
         for view in (each for each in views(source, side) if each.view == "sphere" and each.scale in SCALES):
             made = render_view(view, filtered(source), candidates, RenderSettings(max_passes=passes), flicker=False)
             snr = {figure.method: figure.value for figure in made.figures if figure.measure == "snr"}
-            cells = [(pictures.shown(frame.image), f"{snr[each]:.1f} dB") for each, frame in made.frames.items()]
-            rows.append(Row(f"{shown_name(name)}, {view.scale}", [*cells, (pictures.shown(made.reference.image), "")]))
+            cells = [
+                pictures.Cell(pictures.shown(frame.image), [f"{snr[each]:.1f} dB"])
+                for each, frame in made.frames.items()
+            ]
+            rows[f"{shown_name(name)}, {view.scale}"] = [*cells, pictures.Cell(pictures.shown(made.reference.image))]
             heads = [*(cases.shown(each) for each in made.frames), "reference"]
             found[f"{name}, {view.scale}"] = snr
-    return composed(heads, rows), found
+    return pictures.grid(heads, rows), found
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="the pictures of the paper's figures")
-    parser.add_argument("folder", type=Path, help="for the pictures")
-    parser.add_argument("--figures", type=Path, required=True, help="a .json file of what was measured")
-    parser.add_argument("--side", type=int, default=128, help="pixels of the side of a picture")
-    parser.add_argument("--passes", type=int, default=256, help="samples a pixel of a reference, at most")
-    options = parser.parse_args()
+    options = timing.arguments(__doc__, "folder", side=128, passes=256, results=None)
     mipnet_network.register()
     side, passes = options.side, options.passes
     leather = example(EXAMPLES[0], "ggx")
@@ -236,7 +196,7 @@ def main() -> None:
         if figures is not None:
             found[str(figure)] = figures
         print(f"figure {figure}", flush=True)
-    options.figures.write_text(json.dumps(found), encoding="utf-8")
+    timing.keep(found, options.results)
 
 
 if __name__ == "__main__":

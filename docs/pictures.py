@@ -1,9 +1,9 @@
-"""What the picture and the animation of the README share: the stacks they compare, spheres, panels and their words."""
+"""What pictures of pages share: the stacks that the README compares, spheres, and grids of pictures with words."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -22,11 +22,7 @@ from mipbake.stack.stack import MipStack
 
 SET = Path(__file__).resolve().parent.parent / "examples" / "lacquered_leather"
 PLAIN, BAKED, REFERENCE = "linear", "mipbake", "reference"
-MEANING = {
-    PLAIN: "the maps averaged, as engines and most tools do",
-    BAKED: "its maps in the same renderer",
-    REFERENCE: "every pixel supersampled",
-}
+GAP, HEAD, LINE, LEFT = 6, 24, 15, 118  # pixels
 
 GROUND = (13, 17, 23)  # the colour of GitHub's dark pages; on light ones the panel stands by itself
 BRIGHT, DIM, GOOD = (230, 237, 243), (139, 148, 158), (86, 211, 100)
@@ -39,18 +35,18 @@ Picture = NDArray[np.uint8]
 
 
 @lru_cache(maxsize=1)
-def load(folder: Path) -> tuple[TextureSet, Mapping[str, MipStack]]:
+def load() -> tuple[TextureSet, Mapping[str, MipStack]]:
     """The set, and the two stacks that are compared: averaged with the box, and mipbake's default."""
-    texture_set = mipbake.load(folder)
+    texture_set = mipbake.load(SET)
     return texture_set, {
         PLAIN: mipbake.bake(texture_set, method="linear", pixel_filter="box"),
         BAKED: mipbake.bake(texture_set),
     }
 
 
-def spheres(folder: Path, lighting: environment.Lighting, side: int) -> dict[str, View]:
+def spheres(lighting: environment.Lighting, side: int) -> dict[str, View]:
     """The standard views of spheres, `side` pixels high and wide, by scale."""
-    texture_set, stacks = load(folder)
+    texture_set, stacks = load()
     size = (texture_set.height, texture_set.width)
     views = standard_views(size, lighting, len(stacks[BAKED].levels) - 1, (side, side))
     return {view.scale: view for view in views if view.view == "sphere"}
@@ -65,9 +61,9 @@ def turned(view: View, repeats: int, turns: float) -> View:
     return replace(view, mesh=replace(view.mesh, uv=uv))
 
 
-def render(folder: Path, view: View, passes: int, resolved_share: float = 0.1) -> tuple[dict[str, Frame], Reference]:
+def render(view: View, passes: int, resolved_share: float = 0.1) -> tuple[dict[str, Frame], Reference]:
     """The candidates of a view, and the reference: at most `passes` samples a pixel, until it resolves both."""
-    texture_set, stacks = load(folder)
+    texture_set, stacks = load()
     frames = {
         name: mesh_render.candidate(view, stack.levels, stack.model, texture_set.wrap) for name, stack in stacks.items()
     }
@@ -87,10 +83,39 @@ def shown(radiance: NDArray[np.float32]) -> Picture:
     return np.round(mixed).astype(np.uint8)
 
 
-def panel(width: int, height: int) -> tuple[Image.Image, ImageDraw.ImageDraw]:
-    """An empty picture, and the pen for it."""
-    image = Image.new("RGB", (width, height), GROUND)
-    return image, ImageDraw.Draw(image)
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """A picture of a grid, lines of words below it, and which of these are the best of a row."""
+
+    picture: Picture
+    words: Sequence[str] = ()
+    best: Sequence[bool] = ()
+
+
+def grid(heads: Sequence[str], rows: Mapping[str, Sequence[Cell]]) -> Image.Image:
+    """Rows of pictures, with their names at the left, under the names of their columns."""
+    wide = [max(row[column].picture.shape[1] for row in rows.values()) for column in range(len(heads))]
+    lines = {name: max(len(cell.words) for cell in row) for name, row in rows.items()}
+    high = {name: max(len(cell.picture) for cell in row) + GAP + LINE * lines[name] for name, row in rows.items()}
+    left = LEFT if any(rows) else GAP
+    image = Image.new("RGB", (left + sum(wide) + GAP * len(wide), HEAD + sum(high.values())), GROUND)
+    pen, at = ImageDraw.Draw(image), left
+    for head, width in zip(heads, wide, strict=True):
+        pen.text((at + width // 2, HEAD - 8), head, BRIGHT, font(13), "ms")
+        at += width + GAP
+    top = HEAD
+    for name, row in rows.items():
+        for line, words in enumerate(name.split(", ")):
+            pen.text((GAP, top + high[name] // 2 + 16 * line - 8), words, BRIGHT, font(12), "lm")
+        at = left
+        for width, cell in zip(wide, row, strict=True):
+            image.paste(Image.fromarray(cell.picture), (at, top))
+            for line, words in enumerate(cell.words):
+                colour = GOOD if line < len(cell.best) and cell.best[line] else DIM
+                pen.text((at + width // 2, top + len(cell.picture) + 13 + LINE * line), words, colour, font(11), "ms")
+            at += width + GAP
+        top += high[name]
+    return image
 
 
 @lru_cache(maxsize=8)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import importlib
 import json
 import math
@@ -30,10 +29,10 @@ def test_pages_are_what_their_records_say(module: Callable[[str], ModuleType]) -
 
 
 def test_blocks_have_views_and_say_their_release(module: Callable[[str], ModuleType]) -> None:
-    pages, views = module("records.pages"), module("records.views")
-    blocks = {page: set(pages.blocks((ROOT / page).read_text(encoding="utf-8"))) for page in pages.pages()}
-    assert set().union(*blocks.values()) == {*views.VIEWS, pages.RELEASE}
-    assert [page for page, names in blocks.items() if names and pages.RELEASE not in names] == []
+    making, views = module("records.making"), module("records.views")
+    blocks = {page: set(making.blocks((ROOT / page).read_text(encoding="utf-8"))) for page in making.pages()}
+    assert set().union(*blocks.values()) == {*views.VIEWS, making.RELEASE}
+    assert [page for page, names in blocks.items() if names and making.RELEASE not in names] == []
 
 
 def test_files_of_records_are_known(module: Callable[[str], ModuleType]) -> None:
@@ -44,18 +43,17 @@ def test_files_of_records_are_known(module: Callable[[str], ModuleType]) -> None
 def test_a_page_says_which_release_it_is_of_and_whether_goldens_differ(
     module: Callable[[str], ModuleType], tmp_path: Path
 ) -> None:
-    record, pages = module("records.record"), module("records.pages")
+    record, making = module("records.record"), module("records.making")
     golden = {"stacks": "a", "trainings": "b", "films": "c"}
     for name, on, goldens in (("one", "2026-01-01", golden), ("two", "2026-02-01", golden), ("time", "2026-01-03", {})):
         measured = record.Measured(on, "machine", 1.0, "0.1.0", goldens)
         record.Record(name, measured, {}, tmp_path).save()
 
     def words(*names: str, **changes: str) -> str:
-        return " ".join(pages.release(names, record.Records(tmp_path), golden | changes).split())
+        return " ".join(making.release(names, record.Records(tmp_path), golden | changes).split())
 
-    same = "The golden outputs of today are the same."
-    assert words("one", "two", "gone").endswith(f"measured 2026-01-01 to 2026-02-01 (records `one`, `two`). {same}")
-    assert "the golden films and stacks have changed" in words("one", "two", stacks="x", films="y")
+    assert words("one", "two", "gone").endswith("measured 2026-01-01 to 2026-02-01 (records `one`, `two`).")
+    assert "The golden films and stacks have changed since" in words("one", "two", stacks="x", films="y")
     assert words("time", stacks="x") == "The figures are of release 0.1.0, measured 2026-01-03 (record `time`)."
     assert words("gone").startswith("Nobody has measured")
 
@@ -87,44 +85,6 @@ def test_records_survive_their_file(module: Callable[[str], ModuleType], tmp_pat
     made.save()
     assert record.load("one", tmp_path) == made
     assert record.rounded({"a": [1.23456, float("nan"), 123456, "t", True]}) == {"a": [1.235, None, 123456, "t", True]}
-
-
-def test_whole_pages_are_made_from_their_data(module: Callable[[str], ModuleType]) -> None:
-    script = module("records.scripts").script
-    commands = script("benchmarks", "commands")
-    losses = {"exr": {"near": 0.01, "over": -0.02}}
-    run = commands.Run("tiles", "bake, all formats", 0, "", 3.0, 1.5, 2.0, costs=losses, warnings=())
-    data = {"machine": "a machine", "python": "3.11", "fast": "linear", "runs": [dataclasses.asdict(run)]}
-    page = commands.page_of(json.loads(json.dumps(data)))
-    assert "on a machine, Python 3.11: 1 sets" in page and "| exr | 0 of 1 | 0.01 | 0.01 |" in page
-    assert "| bake, all formats | 3.0 | 3.0 | 1.50 | 2.0 |" in page
-    three = script("benchmarks/engines", "three_table")
-    cells = [
-        {"set": "tiles", "view": "wall-far", "shape": "wall", "scale": "far", "lod": 7.0, "candidate": name,
-         "container": three.PLAIN, "snr": snr, "flip": flip, "samples": 64, "reference_snr": 50.0}
-        for name, snr, flip in (("linear", 10.0, 0.05001), ("neural", 12.5, 0.05), ("auto", 9.0, 0.04))
-    ]  # fmt: skip
-    notes = {"engine": {"three": "187", "renderer": "R"}, "levels": ["ok"], "machine": "M", "sizes": [96, 512, 1024]}
-    page = three.page_of({"cells": cells, "notes": notes})
-    assert "three.js r187 in headless Chromium on M; renderer: R. Pictures of\n96 x 96 pixels" in page
-    assert "Of these 1 views 0 have a reference" in page and "| neural, ktx2-rgba8 | 12.5 dB | 0.0500 |" in page
-    assert "| neural | all | 1 of 1 | +2.50 dB | +2.5 dB | +2.5 dB | 0 of 1 | +0.0000 |" in page  # as it is shown
-    said = " ".join(module("records.views").VIEWS["engines-three/summary"]({"engines-three": {"cells": cells}}).split())
-    assert "FLIP is lower in 0 views with the network and in 1 with `auto`." in said and "in 1 views, by 2.5 dB" in said
-    blocks = script("benchmarks", "uastc")
-    lost = blocks.Row(
-        "tiles",
-        {"plain": {"near-mirror": 2.0, "hemisphere": 0.4}, "glb": {"near-mirror": 0.3, "hemisphere": 0.5}},
-        {"in rgba8": "none"},
-    )
-    data = {"machine": "M", **{table: [dataclasses.asdict(lost)] for table in blocks.TABLES}}
-    page = blocks.page_of(json.loads(json.dumps(data)))
-    assert "| tiles | 2.00 / 0.40 | 0.30 / 0.50 | none |" in page
-    assert "| plain | 1 | 0 | 0 | 2.00 | 2.00 (tiles) |" in page and "| glb | 1 | 1 | 1 | 0.50 | 0.50 (tiles) |" in page
-    cycles = script("benchmarks/engines", "cycles_proof")
-    data = {"machine": "M", "version": "4.5", "sigma": 0.502, "pixels": 96, "texels": 256, "suns": 3, "samples": 256,
-            "columns": ["neural", "reference"], "rows": {"tiles": [10.04, 50.0]}}  # fmt: skip
-    assert "| tiles | 10.0 | 50.0 |" in cycles.page_of(data)
 
 
 def test_measuring_keeps_what_a_command_writes(module: Callable[[str], ModuleType], tmp_path: Path) -> None:
@@ -211,16 +171,18 @@ def test_what_a_benchmark_printed(module: Callable[[str], ModuleType], tmp_path:
         said = views["timing-card/printed"](record.Records(tmp_path))
         assert all(part in said for part in shown) and said.endswith("\n\nMeasured today on M.")
         assert all(len(line) <= 120 or line.startswith("|") for line in said.splitlines())
-    lines = ["M", "", "| process |", "|---|", "| bake linear |", "| bake auto |", "", "| other |", "|---|", "| none |"]
+    lines = (
+        "M\n\n| process |\n|---|\n| bake linear, 1024 |\n| bake auto, 1024 |\n\n| other |\n|---|\n| none |".splitlines()
+    )
     record.Record("timing-bake", record.Measured("today", "M", 1.0, "0.1.0"), {"printed": lines}, tmp_path).save()
     said = views["timing-bake/printed"](record.Records(tmp_path))
     assert said.startswith(
-        "M\n\n| process |\n|---|\n| bake auto |\n\nMeasured today on M; the [record](records/timing-bake"
+        "M\n\n| process |\n|---|\n| bake auto, 1024 |\n\nMeasured today on M; the [record](records/timing-bake"
     )
 
 
 def test_blocks_are_filled(module: Callable[[str], ModuleType]) -> None:
-    pages = module("records.pages")
+    pages = module("records.making")
     text = """As a `<!-- record:NAME/VIEW -->` is.
 <!-- record:one/words -->
 old 7.7 dB

@@ -183,7 +183,6 @@ def test_released_cards_say_what_an_export_says(info: WeightsInfo) -> None:
     assert described is not None
     exported, _, _ = text.partition("\n## ")  # what was added later has headings
     assert exported == card(info, described, config, parameters, float(validated[1]))
-    assert ("\n## Under each pixel filter\n" in text) == info.default
 
 
 @pytest.mark.long

@@ -17,8 +17,7 @@ from mipbake.training.loop import load_state
 
 _CARD = """# {name}
 
-These are the trained weights of a network, for the method `neural` of mipbake. The network turns a texture set into a
-MIP stack, level 0 included.
+The trained weights of a network, for the method `neural` of mipbake.
 
 | | |
 |---|---|
@@ -39,13 +38,7 @@ MIP stack, level 0 included.
 | Licence of the weights | {licence} |
 | SHA-256 | `{sha256}` |
 
-The weights are numbers of the network and hold no texel of the data.
-
-The training saw levels of detail up to {max_lod}. Coarser levels are extrapolated, because there the decoder meets
-averages over larger areas than it was trained on.
-
-A texel of a stack has one lobe. Where the normals of a surface fall into several distinct directions within a pixel, no
-single lobe can match the surface, and the result is a compromise.
+The weights hold no texel of the data. Levels of detail beyond {max_lod} are extrapolated: the training saw none.
 """
 
 

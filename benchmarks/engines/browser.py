@@ -82,7 +82,7 @@ def opened(page: Path, files: Path) -> Iterator[Any]:
         files: a folder, served as `/files/`.
 
     Raises:
-        RuntimeError: Chromium or the npm packages are missing, or the page complained: every error is told.
+        RuntimeError: Chromium or the npm packages are missing, or the page complained: with every error.
     """
     from playwright.sync_api import sync_playwright
 

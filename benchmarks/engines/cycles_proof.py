@@ -3,21 +3,19 @@
     python benchmarks/engines/cycles_proof.py SETS --count 5 --python PYTHON
 
 SETS is a folder of texture sets: the first ones by name that have a normal and a roughness map are measured. PYTHON is
-an interpreter that has the package `bpy`; the default is $BPY_PYTHON, or this one. `python docs/remake.py` makes
-RESULTS-cycles.md.
+an interpreter that has the package `bpy`; the default is $BPY_PYTHON, or this one.
 Cycles knows no levels: level 0 is what a render from near reads, one texel a pixel here.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +24,7 @@ import OpenImageIO
 from browser import HERE
 from engine_sets import first_sets
 from numpy.typing import NDArray
-from three_table import processor
+from three_table import arguments, keep
 
 import mipbake
 from mipbake import TextureSet
@@ -59,15 +57,7 @@ Image = NDArray[np.float32]
 
 def main() -> int:
     """0 where Cycles filters as it is asked to."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("sets", type=Path, help="a folder of texture sets")
-    parser.add_argument("--count", type=int, default=5, help="how many of them (default 5)")
-    python = os.environ.get("BPY_PYTHON", sys.executable)
-    parser.add_argument(
-        "--python", default=python, help="an interpreter that has bpy (default: BPY_PYTHON, or this one)"
-    )
-    parser.add_argument("--results", type=Path, required=True, help="a .json file of what was measured")
-    options = parser.parse_args()
+    options = arguments(__doc__, "sets", count=5, python=os.environ.get("BPY_PYTHON", sys.executable), results=None)
     with tempfile.TemporaryDirectory() as scratch:
         sigma, version = _measured_sigma(options.python, Path(scratch))
     print(f"Cycles' Gaussian of width {_WIDTH:g} has sigma {sigma:.3f} pixels")
@@ -75,36 +65,15 @@ def main() -> int:
         print("error: expected 0.5", file=sys.stderr)
         return 1
     rows: dict[str, list[float]] = {}
-    about = {"machine": processor(), "version": version, "sigma": sigma}
+    about = {"version": version, "sigma": sigma}
     sizes = {"pixels": PIXELS, "texels": TEXELS, "suns": len(DIRECTIONS), "samples": 2 * SAMPLES}
     for texture_set in first_sets(options.sets, options.count, TEXELS):
         with tempfile.TemporaryDirectory() as scratch:
             rows[texture_set.name] = _measured(texture_set, options.python, Path(scratch))
         print(texture_set.name, *(f"{figure:.1f}" for figure in rows[texture_set.name]), flush=True)
         columns = [*METHODS, "reference"]
-        options.results.write_text(json.dumps(about | sizes | {"columns": columns, "rows": rows}), encoding="utf-8")
+        keep(about | sizes | {"columns": columns, "rows": rows}, options.results)
     return 0
-
-
-def page_of(data: Mapping[str, Any]) -> str:
-    """The Markdown page of what `main` writes."""
-    rows = [f"| {name} | {' | '.join(f'{figure:.1f}' for figure in row)} |" for name, row in data["rows"].items()]
-    return f"""# Results in Cycles
-
-Blender {data["version"]}'s Cycles on {data["machine"]}. A plane seen straight on, one texel a pixel,
-{data["pixels"]} x {data["pixels"]} pixels of the middle {data["texels"]} x {data["texels"]} texels of each set, under
-{data["suns"]} suns of no extent, one after the other. SNR in dB over all of them, higher is better, of one sample in
-the middle of each pixel against {data["samples"]} samples of the source under a Gaussian (its sigma, measured, is
-{data["sigma"]:.3f} pixels). `reference` is the SNR of the reference itself, from two independent halves.
-
-Texels are seen at their centres here, where bilinear lookups do not soften them. The network's levels are sharpened for
-lookups anywhere between texels, and overshoot at the centres: on rough sets plain filtered averages are ahead.
-`python benchmarks/engines/cycles_proof.py` makes this page.
-
-| set | {" | ".join(data["columns"])} |
-|---|{"---:|" * len(data["columns"])}
-{chr(10).join(rows)}
-"""
 
 
 def _measured(texture_set: TextureSet, python: str, folder: Path) -> list[float]:

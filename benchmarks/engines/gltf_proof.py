@@ -108,8 +108,8 @@ def loaded(engine: str, folder: Path) -> list[str]:
     image, counts = _rendered(engine, folder, (-2, 2, -2, 2), (_LOADED_SIDE, _LOADED_SIDE))
     seen = (image[..., :3] > 0).any(-1)
     mean = image[seen][:, :3].mean(0) if seen.any() else np.zeros(3)
-    told = f", textures with {', '.join(map(str, counts))} levels" if counts else ""
-    print(f"{engine}: {seen.mean():.0%} of the picture shows something, on average {_told(mean[None])}{told}")
+    levels = f", textures with {', '.join(map(str, counts))} levels" if counts else ""
+    print(f"{engine}: {seen.mean():.0%} of the picture shows something, on average {_told(mean[None])}{levels}")
     return [] if seen.any() else [f"{engine}: nothing of the file is seen"]
 
 

@@ -3,13 +3,11 @@
     python benchmarks/engines/three_proof.py SETS --count 5 --results build/three.json
 
 SETS is a folder of texture sets: the first ones by name that have a normal and a roughness map are measured. What has
-been measured already stands in the results file and is not measured again. `python docs/remake.py` makes RESULTS.md.
+been measured already stands in the results file and is not measured again. README.md has the tables.
 """
 
 from __future__ import annotations
 
-import argparse
-import dataclasses
 import functools
 import json
 import tempfile
@@ -26,7 +24,7 @@ from engine_views import EngineView, engine_views
 from numpy.typing import NDArray
 from scipy.stats import qmc
 from three_levels import check_levels
-from three_table import MARGIN_DB, Cell, processor
+from three_table import Cell, arguments, keep
 
 import mipbake
 from mipbake import TextureSet
@@ -66,6 +64,9 @@ CONTAINERS: Mapping[str, tuple[str, ...]] = {
 FIRST, MOST = 128, 1024
 """Samples a pixel in each half of the reference: at first, and at most."""
 
+MARGIN_DB = 15.0
+"""dB by which the reference's own noise shall lie below the error of the best candidate."""
+
 PIXEL_FILTER = "gaussian"
 
 Image = NDArray[np.float64]
@@ -93,27 +94,18 @@ class Reference:
 
 def main() -> None:
     """Measures what is missing."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("sets", type=Path, help="a folder of texture sets")
-    parser.add_argument("--count", type=int, default=5, help="how many of them (default 5)")
-    parser.add_argument("--results", type=Path, required=True, help="a .json file of what has been measured")
-    options = parser.parse_args()
-    cells = (
-        [Cell(**each) for each in json.loads(options.results.read_text())["cells"]] if options.results.exists() else []
-    )
-    notes: dict[str, Any] = {}
+    options = arguments(__doc__, "sets", count=5, results=None)
+    cells: list[Cell] = []
+    if options.results and options.results.exists():
+        cells = json.loads(options.results.read_text())["cells"]
     with tempfile.TemporaryDirectory() as scratch, opened(HERE / "three/page.html", Path(scratch)) as page:
         notes = {"engine": page.evaluate("() => proof.describe()"), "levels": check_levels(page, Path(scratch))}
-        notes |= {"machine": processor(), "sizes": [SIDE, TEXELS, MOST]}
         print("\n".join(notes["levels"]), flush=True)
     for texture_set in first_sets(options.sets, options.count, TEXELS):
-        done = {(c.view, c.candidate, c.container) for c in cells if c.set == texture_set.name}
+        done = {(c["view"], c["candidate"], c["container"]) for c in cells if c["set"] == texture_set.name}
         for found in measured(texture_set, done):
             cells += found
-            options.results.parent.mkdir(parents=True, exist_ok=True)
-            written = {"notes": notes, "cells": [dataclasses.asdict(cell) for cell in cells]}
-            options.results.write_text(json.dumps(written, indent=1))
-            print(*found, sep="\n", flush=True)
+            keep({"notes": notes, "cells": cells}, options.results)
 
 
 def measured(texture_set: TextureSet, done: set[tuple[str, str, str]]) -> Iterator[list[Cell]]:
@@ -197,18 +189,11 @@ def _cell(name: str, view: EngineView, key: tuple[str, str], image: Image, refer
     covered = reference.covered[..., None]
     pair = (displayed(np.where(covered, each, 0)) for each in (image, reference.mean))
     flip = ldr_flip(*pair).mean_over(reference.covered)
-    return Cell(
-        name,
-        view.name,
-        view.shape,
-        view.scale,
-        view.lod,
-        *key,
-        _snr(image, reference),
-        flip,
-        reference.samples,
-        reference.snr,
-    )
+    return {
+        **{"set": name, "view": view.name, "shape": view.shape, "scale": view.scale, "lod": view.lod},
+        **{"candidate": key[0], "container": key[1], "snr": _snr(image, reference), "flip": flip},
+        **{"samples": reference.samples, "reference_snr": reference.snr},
+    }
 
 
 if __name__ == "__main__":

@@ -104,6 +104,8 @@ def beats(claim: str, compared: Sequence[tuple[Kind, str]], measures: Sequence[s
     words = []
     for rival in dict.fromkeys(name for name, _ in won):
         shares = {measure: np.concatenate(won[rival, measure]) for measure in measures}
-        told = " and ".join(f"{share.mean():.0%} of {share.size} cases in {m.upper()}" for m, share in shares.items())
-        words.append(f"It is ahead of {rival} in {told}.")
+        found_words = " and ".join(
+            f"{share.mean():.0%} of {share.size} cases in {m.upper()}" for m, share in shares.items()
+        )
+        words.append(f"It is ahead of {rival} in {found_words}.")
     return Verdict(claim, holds, " ".join(words))

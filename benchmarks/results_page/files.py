@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from records.record import load
-from records.results import COSTS, File, unpack
+from records.results import File, unpack
 
 from mipbake.baking.methods import METHODS
 
@@ -30,7 +30,7 @@ class Results:
         methods: what every file has, in their order; as the files describe them.
         curve: method, pair set and lod to a figure a set. figures: the same of every measure and scale.
         scenes: of all sets, as in the files.
-        costs: method and one of `seconds`, `processor_seconds` and `peak_mib` to a figure a set.
+        seconds: method to seconds of processors that its bake took, a figure a set.
         files: the files themselves.
     """
 
@@ -39,7 +39,7 @@ class Results:
     curve: Mapping[tuple[str, str, float], np.ndarray]
     figures: Mapping[Key, np.ndarray]
     scenes: Sequence[Mapping[str, Any]]
-    costs: Mapping[tuple[str, str], np.ndarray]
+    seconds: Mapping[str, np.ndarray]
     files: Sequence[File]
 
     @property
@@ -77,7 +77,7 @@ def read(folder: Path, kind: str, wanted: Callable[[File], bool] = lambda _file:
     methods = {m["name"]: m for m in files[0]["methods"] if all(m["name"] in each for each in names)}
     curve: dict[tuple[str, str, float], list[float]] = {}
     figures: dict[Key, list[float]] = {}
-    costs: dict[tuple[str, str], list[float]] = {}
+    seconds: dict[str, list[float]] = {}
     for file in files:
         for f in file["curve"]:
             if f["value"] is not None:  # small sets have fewer levels
@@ -86,15 +86,14 @@ def read(folder: Path, kind: str, wanted: Callable[[File], bool] = lambda _file:
             value = math.nan if f["value"] is None else f["value"]
             figures.setdefault((f["method"], f["measure"], f["view"], f["scale"]), []).append(value)
         for m in file["methods"]:
-            for what in COSTS:
-                costs.setdefault((m["name"], what), []).append(m[what])
+            seconds.setdefault(m["name"], []).append(m["processor_seconds"])
     return Results(
         [file["name"] for file in files],
         methods,
         _everywhere(curve, len(files)),
         _everywhere(figures, len(files)),
         [scene for file in files for scene in file["scenes"]],
-        _everywhere(costs, len(files)),
+        _everywhere(seconds, len(files)),
         files,
     )
 

@@ -1,6 +1,6 @@
-"""The text of docs/results.md, and its charts, from the records of benchmarks/results.py.
+"""The text of docs/results.md, from the records of benchmarks/results.py.
 
-`python docs/remake.py` writes both. Every sentence with a figure in it is made from the records too. Kinds of
+`python docs/remake.py` writes it. Every sentence with a figure in it is made from the records too. Kinds of
 measurements that are not there have no section.
 """
 
@@ -12,69 +12,48 @@ import numpy as np
 from records.wrapping import wrapped_page
 
 from mipbake.quality.metrics import PAIR_SETS
-from results_page import aims, charts, tables
-from results_page.files import FOUR, OPTIMUM, SUBJECT, Results, read
+from results_page import aims, tables
+from results_page.files import OPTIMUM, SUBJECT, Results, read
 from results_page.summary import summary
 
 _INTRODUCTION = """\
 Every method was measured on {sets} real texture sets that training never saw, with the target `gltf` and the Gaussian
-pixel filter. {weights}[Validation](validation.md) says what each figure means, and the [glossary](glossary.md)
-explains the terms. `python docs/remake.py` makes this page from the
-[records](../benchmarks/records), which have the figures of every set.
+pixel filter. {weights}[Validation](validation.md) says what each figure means. The
+[records](../benchmarks/records) have the figures of every set, measure and kernel.
 
 Figures of texture space come from {points} pixels for each level of detail and 1,024 light-view pairs of each pair
-set. Each of the two estimates of the reference takes {samples} samples a pixel. Renders are spheres of {side} x {side}
-pixels. They have {scenes} references. {converged} of them reached a standard error of at most a tenth of the error of
-the best candidate within {passes} samples a pixel. The noise of the other references counts as error in every measure
-of a render but SNR, and makes good methods look a little worse.
+set, with {samples} samples a pixel in each of the two estimates of the reference. Renders are spheres of {side} x
+{side} pixels. Of their {scenes} references {converged} reached a standard error of at most a tenth of the error of the
+best candidate within {passes} samples a pixel. The noise of the others counts as error in every measure but SNR.
 
 The **best of four** is an oracle: for every set and level it is the best of `linear` and `lean`, each with the box and
 with the pixel filter.
 """
 
 _AHEAD = """\
-This table compares with the closed form that has the best mean of that very measure and scale. Cells have different
-closed forms, so this is stricter than a comparison with any one of them. A cell has the mean difference over sets. For
-flicker it is the mean of the distance of the logarithm from 0. It is bold where its 95 % interval over sets is above 0,
-and in italics where the interval is below 0.
+This table compares with the closed form that has the best mean of that very measure and scale. A cell has the mean
+difference over sets; for flicker, of the distance of the logarithm from 0. It is bold where its 95 % interval over sets
+is above 0, and in italics where the interval is below 0.
 """
 
 _METHODS = """\
-Flicker is over the hemisphere: how many times as much pixels change as they should. The table has the FLIP of spheres
-and what bakes take beside it. Each bake
-ran in a process of its own on {threads}, and the seconds are for the bake alone. The machine had other work. Peak
-memory is for the whole process.
+Flicker is over the hemisphere: how many times as much pixels change as they should. FLIP is of spheres. Bakes ran
+on {threads}.
 """
 
 _DIRECTIONAL = """\
 These sets have an anisotropy map, or their slopes vary at least three times as much across their main direction as
-along it in windows of 32 x 32 texels. {real} of them are real sets or examples. {generated} come from the project's
-generator, and no training saw them. The reference is the same for both targets. `gltf` stores one roughness;
-`gltf-anisotropic` stores a roughness, a strength and a direction of anisotropy.
+along it in windows of 32 x 32 texels. {real} of them are real sets or examples; {generated} come from the project's
+generator, and no training saw them. `gltf` stores one roughness; `gltf-anisotropic` stores a roughness, a strength and
+a direction of anisotropy.
 """
 
 _LIMIT = """\
 On the middle {side} x {side} texels of each of {sets} sets, every texel of every level is optimised against the
-reference (`mipbake bake --method optimum`). This shows what a stack of one lobe a texel can reach. It is a lower bound
-of that limit. The descent ends after 40 rounds, and pairs that are not in this table decide what it
-keeps. {shortfall} The closed gap is how much of the way from the best of four to the optimum a method goes. `refine`
-has the time that two minutes for a set of 512 x 512 texels leave for so many texels.
+reference (`mipbake bake --method optimum`). This is a lower bound of what a stack of one lobe a texel can reach.
+{shortfall} The closed gap is how much of the way from the best of four to the optimum a method goes. `refine` has the
+time that two minutes for a set of 512 x 512 texels leave for so many texels.
 """
-
-
-def _figure_5(whole: Results, page: Path) -> list[str]:
-    parts = [
-        "## Figure 5: how far ahead\n",
-        "This is figure 5 of Kemppinen et al. (2023) on these sets. The histograms count sets and levels by how many "
-        "dB a method is ahead of a closed form, and renders of spheres by how much lower its FLIP is. FLIP stands in "
-        "for LPIPS.\n",
-    ]
-    for name in whole.learned:
-        file = f"results-figure-5-{name.replace(' ', '-')}.svg"
-        words = f"{name}: ahead of closed forms by"
-        (page.parent / file).write_text(charts.gain_histograms(whole, name, FOUR, words), encoding="utf-8")
-        parts.append(f"![Histograms of how far {name} is ahead of closed forms]({file})\n")
-    return parts
 
 
 def _directional(found: Results | None) -> list[str]:
@@ -94,7 +73,7 @@ def _limit(crop: Results | None) -> list[str]:
     behind = np.concatenate([crop.gains(OPTIMUM, pairs).ravel() for pairs in PAIR_SETS])
     shortfall = (
         f"In {int((behind < -0.25).sum())} of the {behind.size} cases of set, level and pair set it is more than 0.25 "
-        f"dB behind the best closed form. Its worst difference to that form is {behind.min():+.1f} dB."
+        f"dB behind the best closed form, {behind.min():+.1f} dB at worst."
     )
     return [
         "## The limit: the per-material optimum\n",
@@ -103,8 +82,8 @@ def _limit(crop: Results | None) -> list[str]:
     ]
 
 
-def text(folder: Path, page: Path) -> str:
-    """The page; its charts are written beside it."""
+def text(folder: Path, _page: Path) -> str:
+    """The page of a folder of records."""
     whole, crop, directed = (read(folder, kind) for kind in ("whole", "crop", "directional"))
     if whole is None:
         raise SystemExit(f"{folder} holds no results: run python docs/remake.py --measure results-whole first")
@@ -122,17 +101,15 @@ def text(folder: Path, page: Path) -> str:
         "## In short\n",
         *summary(whole, crop, directed),
         "## SNR by level of detail\n",
-        "Means over sets, in dB. Bold is the best of a column.\n",
+        "Means over sets, in dB. Bold is the best of a column. With the box closed forms leave level 0 as it is, and "
+        "`linear (box)` is what engines do.\n",
         *(tables.by_lod(whole, pairs) for pairs in PAIR_SETS),
-        "The next table has the differences to the best of four.\n",
-        tables.against_four(whole),
         "## Ahead of the best closed form\n",
         _AHEAD,
         tables.winners(whole),
         "## In motion\n",
         _METHODS.format(threads="one processor" if threads == 1 else f"{threads} processors"),
         tables.methods(whole),
-        *_figure_5(whole, page),
         *_directional(directed),
         *_limit(crop),
         *aims.section(folder),

@@ -33,10 +33,9 @@ def _wins(results: Results) -> str:
     near, over = ([float(np.mean(g)) for g in results.gains("auto", pairs, (LINEAR,)).T] for pairs in PAIR_SETS)
     seen = {name: fmean(float(np.mean(each)) for each in won(results, name).values()) for name in LEARNED}
     return (
-        "**Where it wins.** The network alone is `--method neural`. `auto` is the default; it mixes the network with "
-        f"closed forms. There are {len(results.lods)} levels of detail and {len(PAIR_SETS)} pair sets, {cells} cases. "
-        f"The mean SNR of `auto` is above the mean SNR of every closed form in {ahead['auto']} of these cases, and the "
-        f"mean SNR of the network in {ahead[SUBJECT]}. `{LINEAR}` is what engines do. Over it `auto` gains "
+        f"**Where it wins.** There are {len(results.lods)} levels of detail and {len(PAIR_SETS)} pair sets, {cells} "
+        f"cases. The mean SNR of `auto` is above the mean SNR of every closed form in {ahead['auto']} of these cases, "
+        f"and the mean SNR of the network in {ahead[SUBJECT]}. Over `{LINEAR}` `auto` gains "
         f"{min(near):.1f} to {max(near):.1f} dB near the mirror and {min(over):.1f} to {max(over):.1f} dB over the "
         "hemisphere, depending on the level. Pictures of spheres under a studio's lights are compared by FLIP, in "
         f"{sum(each.size for each in won(results, SUBJECT).values())} cases of set and scale. `auto` is nearer to the "

@@ -3,29 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from records.wrapping import table
 
 from mipbake.quality.figures import SCALES
 from mipbake.quality.metrics import MEASURES, PAIR_SETS, mean_interval
-from results_page.files import FOUR, OPTIMUM, Results
+from results_page.files import FOUR, LINEAR, OPTIMUM, Results
 
 PLACES = {"near-mirror": "near the mirror", "hemisphere": "over the hemisphere", "sphere": "sphere"}
-DIGITS = {
-    "snr": 1,
-    "tonemapped": 4,
-    "flip": 3,
-    "sparkle": 5,
-    "hdr-flip": 3,
-    "delta-e-itp": 2,
-    "ssim": 3,
-    "flicker": 2,
-    "flicker-snr": 1,
-    "jod-37": 2,
-    "jod-75": 2,
-}
+DIGITS = {"snr": 1, "flip": 3, "flicker": 2}
+"""Measures of tables, to the digits that they are shown with."""
 
 
 def average(measure: str, values: np.ndarray) -> float:
@@ -39,33 +27,32 @@ def average(measure: str, values: np.ndarray) -> float:
 
 def by_lod(results: Results, pairs: str) -> str:
     """Mean SNR by level of detail; the best of each column is bold."""
-    rows = {name: [results.curve[name, pairs, lod].mean() for lod in results.lods] for name in results.methods}
-    return _bold(pairs, [*map("{:g}".format, results.lods), "mean"], {n: [*r, np.mean(r)] for n, r in rows.items()})
-
-
-def _bold(first: str, heads: Sequence[str], rows: dict[str, list[float]]) -> str:
+    rows = {name: [results.curve[name, pairs, lod].mean() for lod in results.lods] for name in _shown(results)}
+    rows = {name: [*row, np.mean(row)] for name, row in rows.items()}
     best = [max(column) for column in zip(*rows.values(), strict=True)]
-    cells = {
-        name: [f"**{v:.1f}**" if v == b else f"{v:.1f}" for v, b in zip(row, best, strict=True)]
+    cells = [
+        [name, *(f"**{v:.1f}**" if v == b else f"{v:.1f}" for v, b in zip(row, best, strict=True))]
         for name, row in rows.items()
-    }
-    return table([first, *heads], [[name, *row] for name, row in cells.items()]) + "\n"
+    ]
+    return table([pairs, *map("{:g}".format, results.lods), "mean"], cells) + "\n"
+
+
+def _shown(results: Results) -> list[str]:
+    """Methods of tables: of closed forms with the box, only what engines do."""
+    return [name for name in results.methods if name == LINEAR or not name.endswith("(box)")]
 
 
 def methods(results: Results) -> str:
     """Flicker, FLIP and the costs of every method."""
     near, *_, far = SCALES
     rows = []
-    for name in results.methods:
+    for name in _shown(results):
         figures = [(m, view, scale) for m, view in _SHOWN for scale in (near, far)]
         means = [(m, average(m, results.figures[name, m, view, scale])) for m, view, scale in figures]
-        cpu, peak = (results.costs[name, what] for what in ("processor_seconds", "peak_mib"))
-        rows.append(
-            [name, *(f"{value:.{DIGITS[m]}f}" for m, value in means), f"{np.median(cpu):.1f}", f"{cpu.max():.1f}",
-             f"{peak.max():.0f}"]
-        )  # fmt: skip
+        seconds = np.median(results.seconds[name])
+        rows.append([name, *(f"{value:.{DIGITS[m]}f}" for m, value in means), f"{seconds:.1f}"])
     heads = [f"{MEASURES[m].title}, {scale}" for m, _ in _SHOWN for scale in (near, far)]
-    return table(["method", *heads, "processor seconds, median", "most", "peak MiB, most"], rows) + "\n"
+    return table(["method", *heads, "processor seconds, median"], rows) + "\n"
 
 
 _SHOWN = (("flicker", "hemisphere"), ("flip", "sphere"))
@@ -74,7 +61,7 @@ _SHOWN = (("flicker", "hemisphere"), ("flip", "sphere"))
 def winners(results: Results) -> str:
     """How far each learned method is ahead of the best closed form, by measure, view and scale."""
     rows = []
-    for measure in MEASURES:
+    for measure in DIGITS:
         for view in (*PAIR_SETS, "sphere"):
             cells = [[_ahead(results, name, measure, view, scale) for name in results.learned] for scale in SCALES]
             if any(any(cell) for cell in cells):
@@ -102,26 +89,6 @@ def _ahead(results: Results, name: str, measure: str, view: str, scale: str) -> 
     gain = mean_interval(better)
     mark = "**" if gain.low > 0 else "*" if gain.high < 0 else ""
     return f"{mark}{gain.estimate:+.{DIGITS[measure]}f}{mark}"
-
-
-def against_four(results: Results) -> str:
-    """Learned methods against the best of FOUR for every set and level: mean gains, the worst, how many lose."""
-    rows = []
-    for pairs in PAIR_SETS:
-        for name in results.learned:
-            gains = results.gains(name, pairs, FOUR)
-            at, lod = np.unravel_index(gains.argmin(), gains.shape)
-            rows.append(
-                [
-                    f"{name}, {PLACES[pairs]}",
-                    *(f"{gain:+.1f}" for gain in gains.mean(0)),
-                    f"{gains.mean():+.2f}",
-                    f"{gains.min():+.1f} ({results.sets[int(at)]}, {results.lods[int(lod)]:g})",
-                    f"{int((gains < -1).sum())} of {gains.size}",
-                ]
-            )
-    heads = [*map("{:g}".format, results.lods), "mean", "worst (set, lod)", "below -1 dB"]
-    return table(["over the best of four, dB", *heads], rows) + "\n"
 
 
 def won(results: Results, name: str) -> dict[str, np.ndarray]:
@@ -170,9 +137,9 @@ def two_widths(results: Results) -> str:
     """Mean SNR of both targets, and what the second one gains, at worst and at best."""
     rows = []
     for pairs in PAIR_SETS:
-        for name, *both in targets(results):
+        for name, *both in (each for each in targets(results) if not each[0].endswith(")")):
             snr = [np.mean([results.curve[each, pairs, lod] for lod in results.lods], 0) for each in both]
             gain = snr[1] - snr[0]
-            ends = [f"{gain[i]:+.1f} ({results.sets[i]})" for i in (int(gain.argmin()), int(gain.argmax()))]
-            rows.append([f"{name}, {PLACES[pairs]}", *(f"{e.mean():.1f}" for e in snr), f"{gain.mean():+.2f}", *ends])
+            figures = (*(f"{each.mean():.1f}" for each in snr), f"{gain.mean():+.2f}")
+            rows.append([f"{name}, {PLACES[pairs]}", *figures, f"{gain.min():+.1f}", f"{gain.max():+.1f}"])
     return table(["mean SNR", "`gltf`", "`gltf-anisotropic`", "gain", "worst", "best"], rows) + "\n"

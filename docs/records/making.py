@@ -1,4 +1,9 @@
-"""Pages, and parts of pages, made from records."""
+"""Pages made from records, as a whole or block by block.
+
+A block stands between `<!-- record:RECORD/VIEW -->` and `<!-- end -->`; `records/views.py` makes its text. Where a
+record is missing, the block keeps the text that it has. The block `<!-- record:release -->` of a page says which
+release the figures of the page are of.
+"""
 
 from __future__ import annotations
 
@@ -8,17 +13,51 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from records.known import KNOWN
-from records.pages import RELEASE, blocks, filled, pages, release
-from records.record import FOLDER, ROOT, Missing, Records
+from records.record import FOLDER, ROOT, Missing, Records, goldens, load
 from records.scripts import script
 from records.views import VIEWS
-from records.wrapping import wrapped_page
+from records.wrapping import wrapped
 
-_CHARTS = {"docs/results.md": "results-figure-5-*.svg", "docs/paper-figures.md": "paper-figure-5-*.svg"}
-"""Pages to the names of charts beside them, which are there for what was measured."""
+RELEASE = "release"
 
+_BLOCK = re.compile(r"(?<!`)(<!-- record:(\S+) -->)(\n?)(.*?)(\n *|)(<!-- end -->)", re.DOTALL)
 _FILE = re.compile(r"(<!-- file: (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
 """A block that quotes a file."""
+
+WHOLE: Mapping[str, tuple[str, Sequence[str]]] = {
+    "docs/results.md": ("results_page.page", ("results-whole", "results-crop", "results-directional", "aims")),
+    "docs/paper-figures.md": (
+        "paper_page.page",
+        ("results-models", "results-correlated", "paper-pictures", "figure-7", "constant-materials"),
+    ),
+}
+"""Pages that a module of `benchmarks` makes as a whole, with charts beside them, and the records that they show. The
+first record must be there."""
+
+_CHARTS = "paper-figure-5-*.svg"
+
+
+def pages(root: Path = ROOT) -> list[str]:
+    """Markdown files that may have blocks, relative to the root."""
+    found = [root / "README.md", *(path for folder in ("docs", "examples", "benchmarks") for path in
+                                   (root / folder).rglob("*.md"))]  # fmt: skip
+    return sorted(path.relative_to(root).as_posix() for path in found if "node_modules" not in path.parts)
+
+
+def blocks(text: str) -> list[str]:
+    """Names of the blocks of a page."""
+    return [found[2] for found in _BLOCK.finditer(text)]
+
+
+def filled(text: str, made: Callable[[str], str | None]) -> str:
+    """A page with its blocks renewed; those for which there is None stay as they are."""
+
+    def renew(found: re.Match[str]) -> str:
+        opening, name, before, _, after, closing = found.groups()
+        new = made(name)
+        return found[0] if new is None else f"{opening}{before}{new}{after}{closing}"
+
+    return _BLOCK.sub(renew, text)
 
 
 def renewed(root: Path = ROOT, folder: Path = FOLDER) -> dict[Path, bytes | None]:
@@ -35,15 +74,16 @@ def renewed(root: Path = ROOT, folder: Path = FOLDER) -> dict[Path, bytes | None
         if parts:
             parts[RELEASE] = release([*names], records)
         made[page] = filled(text, parts.get).encode()
-    for page, (names, whole) in _WHOLE.items():
-        try:
-            records[names[0]]
-        except Missing:
+    for page, (module, names) in WHOLE.items():
+        if load(names[0], folder) is None:
             continue
-        made |= whole(records)
-        made[page] = (made[page] or b"").rstrip() + f"\n\n{release(names, records)}\n".encode()
-        for old in (root / "docs").glob(_CHARTS.get(page, "nothing")):
-            made.setdefault(f"docs/{old.name}", None)  # of a method that is not measured any more
+        with tempfile.TemporaryDirectory() as scratch:
+            path = Path(scratch) / Path(page).name
+            text = script("benchmarks", module).text(folder, path)
+            made |= {f"docs/{chart.name}": chart.read_bytes() for chart in Path(scratch).iterdir()}
+        made[page] = f"{text.rstrip()}\n\n{release(names, records)}\n".encode()
+    for old in (root / "docs").glob(_CHARTS):
+        made.setdefault(f"docs/{old.name}", None)  # of a method that is not measured any more
     there = {name: (root / name).read_bytes() if (root / name).exists() else None for name in made}
     return {root / name: content for name, content in made.items() if content != there[name]}
 
@@ -66,38 +106,25 @@ def block(name: str, records: Records) -> str | None:
         return None
 
 
-Made = Callable[[Records], Mapping[str, bytes]]
-"""Records to a page, and charts beside it: paths relative to the root, and what they hold."""
+def release(names: Sequence[str], records: Records, today: Mapping[str, str] | None = None) -> str:
+    """A paragraph on what the figures of some records were measured with, and whether today's goldens differ.
 
-
-def _charted(module: str, name: str) -> Made:
-    """A page that a module of `benchmarks` makes, with its charts."""
-
-    def made(records: Records) -> Mapping[str, bytes]:
-        page = script("benchmarks", module)
-        with tempfile.TemporaryDirectory() as scratch:
-            path = Path(scratch) / name
-            path.write_text(page.text(records.folder, path), encoding="utf-8")
-            return {f"docs/{each.name}": each.read_bytes() for each in Path(scratch).iterdir()}
-
-    return made
-
-
-def _from(folder: str, file: str, name: str, page: str) -> tuple[Sequence[str], Made]:
-    """A page that `page_of` of a script makes of one record."""
-    return (name,), lambda records: {page: wrapped_page(script(folder, file).page_of(records[name])).encode()}
-
-
-_RESULTS = ("results-whole", "results-crop", "results-directional", "aims")
-_PAPER = ("results-models", "results-correlated", "paper-pictures", "constant-materials")
-_ENGINES = "benchmarks/engines"
-_WHOLE: Mapping[str, tuple[Sequence[str], Made]] = {
-    "docs/results.md": (_RESULTS, _charted("results_page.page", "results.md")),
-    "docs/paper-figures.md": (_PAPER, _charted("paper_page.page", "paper-figures.md")),
-    "docs/figure-7.md": _from("docs", "make_figure_7", "figure-7", "docs/figure-7.md"),
-    "benchmarks/RESULTS-commands.md": _from("benchmarks", "commands", "commands", "benchmarks/RESULTS-commands.md"),
-    "benchmarks/RESULTS-uastc.md": _from("benchmarks", "uastc", "uastc", "benchmarks/RESULTS-uastc.md"),
-    f"{_ENGINES}/RESULTS.md": _from(_ENGINES, "three_table", "engines-three", f"{_ENGINES}/RESULTS.md"),
-    f"{_ENGINES}/RESULTS-cycles.md": _from(_ENGINES, "cycles_proof", "engines-cycles", f"{_ENGINES}/RESULTS-cycles.md"),
-}
-"""Pages that are made from records as a whole: the records, of which the first must be there, and what makes them."""
+    Args:
+        names: of records; those that are missing are left out.
+        today: kind of golden output to its digest; by default, those of this checkout.
+    """
+    today = goldens() if today is None else today
+    found = [record for name in names if (record := load(name, records.folder)) is not None]
+    if not found:
+        return "Nobody has measured these figures with this version."
+    of = ", ".join(sorted({record.measured.release for record in found}))
+    days = sorted({record.measured.on for record in found})
+    when = days[0] if len(days) == 1 else f"{days[0]} to {days[-1]}"
+    which = f"record{'s' * (len(found) > 1)} {', '.join(f'`{record.name}`' for record in found)}"
+    words = f"The figures are of release {of}, measured {when} ({which})."
+    changed = {
+        kind for record in found for kind, digest in record.measured.goldens.items() if today.get(kind) != digest
+    }
+    if changed:
+        words += f" The golden {' and '.join(sorted(changed))} have changed since, so figures of today may be others."
+    return wrapped(words)

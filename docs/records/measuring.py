@@ -17,9 +17,6 @@ from records.known import MATERIALS, OUT, WORK, Known
 from records.record import ROOT, Measured, Record, goldens, rounded
 from records.scripts import script
 
-FILMS = "films"
-"""The record of films, whose sets have files of their own as results have."""
-
 DIGITS = 6
 """Significant ones of figures in records; results of many methods and sets have four."""
 
@@ -37,7 +34,7 @@ def measure(name: str, known: Known, materials: Path | None, root: Path = ROOT) 
         shutil.move(picture, root / known.pictures / picture.name)
     if name.startswith("results-"):
         seconds = sum(file["processor_seconds"] for file in results.read_files(work / _kind(name)))
-    elif name == FILMS:  # parts of it may have been measured before
+    elif name == "films":  # parts of it may have been measured before
         seconds = sum(each["processor_seconds"] for each in data["sets"].values())
     shutil.rmtree(work)
     machine = f"{script('benchmarks', 'timing').cpu_name()}, {_native.isa()}"

@@ -1,4 +1,4 @@
-"""The files of benchmarks/results.py as one record a kind: the same figures, rounded, without what can be told from
+"""The files of benchmarks/results.py as one record a kind: the same figures, rounded, without what follows from
 others."""
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from records.record import rounded
 File = Mapping[str, Any]
 """What a file of benchmarks/results.py holds."""
 
-COSTS = ("seconds", "processor_seconds", "peak_mib")
 _SPEC = ("name", "method", "kernel", "model", "weights", "sha256", "budget")
 _EXTRA = ("crop", "model", "kind", "set", "together", "directionality", "slope")
 _SCENE = ("name", "passes", "standard_error", "candidate_error", "converged")
@@ -25,7 +24,7 @@ def read_files(folder: Path) -> list[File]:
 
 
 def pack(files: Iterable[File]) -> dict[str, Any]:
-    """The `data` of a record. Costs are rounded to three digits, other figures to four."""
+    """The `data` of a record. Seconds are rounded to three digits, other figures to four."""
     packed: dict[str, Any] = {"effort": {}, "threads": 1, "lods": [], "scales": [], "methods": [], "sets": {}}
     for file in files:
         packed["effort"], packed["threads"] = file["key"]["effort"], file["threads"]
@@ -41,7 +40,7 @@ def pack(files: Iterable[File]) -> dict[str, Any]:
                 [{key: method[key] for key in _SPEC if method.get(key) is not None} for method in file["methods"]]
             ),
             **{key: rounded(file[key]) for key in _EXTRA if key in file},
-            "costs": {method["name"]: rounded([method[key] for key in COSTS], 3) for method in file["methods"]},
+            "costs": {method["name"]: rounded(method["processor_seconds"], 3) for method in file["methods"]},
             "curve": _table(file["curve"], ("view",), "lod", packed["lods"]),
             "figures": _table(file["figures"], ("measure", "view"), "scale", packed["scales"]),
             "scenes": [rounded({key: scene[key] for key in _SCENE if key in scene}, 3) for scene in file["scenes"]],
@@ -60,8 +59,7 @@ def unpack(packed: Mapping[str, Any]) -> list[File]:
                 "key": {"effort": packed["effort"]},
                 "threads": packed["threads"],
                 "methods": [
-                    {"weights": None} | spec | dict(zip(COSTS, each["costs"][spec["name"]], strict=True))
-                    for spec in specs
+                    {"weights": None} | spec | {"processor_seconds": each["costs"][spec["name"]]} for spec in specs
                 ],
                 "curve": list(_listed(each["curve"], ("view",), "lod", packed["lods"])),
                 "figures": list(_listed(each["figures"], ("measure", "view"), "scale", packed["scales"])),

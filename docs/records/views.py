@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
+from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
-from mipbake.quality.metrics import PAIR_SETS
 from records.known import KNOWN
-from records.views_cards import CARD_VIEWS
+from records.scripts import script
 from records.views_films import FILM_VIEWS
-from records.views_fit import FIT_VIEWS
-from records.views_results import in_three, results_table, results_words
+from records.views_results import results_table, results_words
 from records.views_scaling import SCALING_VIEWS
 from records.wrapping import table, wrapped
 
@@ -19,13 +18,12 @@ if TYPE_CHECKING:
     from records.record import Records
 
 PLAIN, BAKED = "linear", "mipbake"
-_SPELLED = {"snr:": "SNR of linear radiance:", "snr-displayed:": "SNR of what a display shows:"}
 _WHERE = {"near-mirror": "near the mirror", "hemisphere": "over the hemisphere"}
 
 
 def scales_caption(records: Records) -> str:
     found = records["picture"]["scales"]
-    means = {name: sum(each["snr"][name] for each in found.values()) / len(found) for name in (PLAIN, BAKED)}
+    means = {name: fmean(each["snr"][name] for each in found.values()) for name in (PLAIN, BAKED)}
     return wrapped(
         "*The same leather from four distances. Top row: plain MIP maps, which average the texels. The creases glitter "
         "from near, and the sphere is too glossy from far away. Middle row: the maps of mipbake in the same renderer. "
@@ -38,89 +36,44 @@ def scales_caption(records: Records) -> str:
 
 def shimmer_caption(records: Records) -> str:
     plain, baked = (records["animation"]["methods"][name] for name in (PLAIN, BAKED))
-    calm = " This is calmer than it should be." if baked["flicker"] < 0.85 else ""
     return wrapped(
         f"*The same sphere in motion, under a lamp. From frame to frame, plain MIP maps change {plain['flicker']:.1f} "
         "times as much as the reference does (mean square). This is the shimmer. The maps of mipbake change "
-        f"{baked['flicker']:.2f} times as much.{calm} The SNR is {plain['snr']:.1f} dB with plain MIP maps and "
-        f"{baked['snr']:.1f} dB with mipbake. [docs/validation.md](docs/validation.md) explains the figures.*"
-    )
-
-
-def failure_table(records: Records) -> str:
-    data = records["failure"]
-    columns = [(pairs, scale) for pairs, row in next(iter(data["methods"].values())).items() for scale in row]
-    rows = [[name, *(f"{row[pairs][scale]:.1f}" for pairs, scale in columns)] for name, row in data["methods"].items()]
-    return "\n" + table(["", *(f"{pairs}, {scale}" for pairs, scale in columns)], rows) + "\n"
-
-
-def _far(records: Records) -> tuple[dict[str, float], int, int]:
-    """Best of all methods far away, by pair set; at how many of the scales the network is behind the best, and of
-    how many."""
-    methods: Mapping[str, Any] = records["failure"]["methods"]
-    pairs = list(next(iter(methods.values())))
-    best = {each: max(row[each]["far"] for row in methods.values()) for each in pairs}
-    scales = [(each, scale) for each in pairs for scale in methods["neural"][each]]
-    behind = sum(
-        methods["neural"][each][scale] < max(row[each][scale] for row in methods.values()) for each, scale in scales
-    )
-    return best, behind, len(scales)
-
-
-def failure_words(records: Records) -> str:
-    best, behind, of = _far(records)
-    data = records["failure"]
-    scales = ", ".join(f"{lod:g} ({scale})" for scale, lod in data["lods"].items())
-    below = sum(value < 0 for value in data["methods"]["linear (box)"]["near-mirror"].values())
-    return wrapped(
-        f"SNR in dB against the reference, as `mipbake.validate` measures it, at the lods {scales}. Far away no "
-        f"method is above {best['near-mirror']:.1f} dB near the mirror or {best['hemisphere']:.1f} dB over the "
-        f"hemisphere. Averaging with the box is below 0 dB, where a black picture would be closer, at {below} of "
-        f"{len(data['lods'])} scales near the mirror. The network is behind the best closed form in {behind} of the "
-        f"{of} columns of the table."
+        f"{baked['flicker']:.2f} times as much. The SNR is {plain['snr']:.1f} dB with plain MIP maps and "
+        f"{baked['snr']:.1f} dB with mipbake.*"
     )
 
 
 def fitting_table(records: Records) -> str:
-    earth, cube, phong, pose = (records[f"fitting-{name}"] for name in ("earth", "cube", "envphong", "pose"))
-
-    def time(data: Any, what: str) -> str:
-        return f"{data['seconds']:.0f} s, {data['processor seconds']:.0f} s{what}"
-
-    s, figures = earth["settings"], earth["figures"]
-    faces = f"faces of {s['texture_size']} x {s['texture_size']}, images of {s['resolution']} x {s['resolution']}"
+    earth, cube, phong, pose = (records[f"fitting-{name}"]["figures"] for name in ("earth", "cube", "envphong", "pose"))
+    colour, true = (", ".join(f"{each:.3g}" for each in phong[name]) for name in ("color", "true color"))
     rows = [
-        ["earth, PSNR of the texture with mipmaps", f"{figures['psnr with mipmaps']:.1f} dB", "32.9 dB",
-         f"{faces}, {s['iterations']:,} iterations", time(earth, " for both")],
-        ["earth, without", f"{figures['psnr without mipmaps']:.1f} dB", "25.6 dB", "the same views", ""],
-    ]  # fmt: skip
-    s = cube["settings"]
-    about = [f"{s['runs']} runs of {s['iterations']:,} iterations", time(cube, " for all six")]
-    for name, each in cube["figures"].items():
-        ended = f"{each['mean error of the successful']:.2g} ({each['successful']} of {each['runs']})"
-        curve = "curve, about 75 % of runs" if name == "4 x 4, continuous" else "curve"
-        what = ", mean distance of a corner" if about[0] else ""
-        rows.append([f"cube {name}{what}", ended, curve, *about])
-        about = ["", ""]
-    s, figures = phong["settings"], phong["figures"]
-    faces = f"faces of {s['texture_size']} x {s['texture_size']}, images of {s['resolution']} x {s['resolution']}"
-    settings = f"{faces}, {s['iterations']:,} iterations"
-    colour, true = (", ".join(f"{each:.3g}" for each in figures[name]) for name in ("color", "true color"))
+        ["earth, PSNR of the texture with mipmaps", f"{earth['psnr with mipmaps']:.1f} dB", "32.9 dB"],
+        ["earth, without", f"{earth['psnr without mipmaps']:.1f} dB", "25.6 dB"],
+    ]
+    for name, each in cube.items():
+        error = f"{each['mean error of the successful']:.2g} ({each['successful']} of {each['runs']})"
+        rows.append([f"cube {name}", error, "about 75 % of runs" if name == "4 x 4, continuous" else "a curve"])
     rows += [
-        ["envphong, PSNR of the environment", f"{figures['psnr']:.1f} dB", "not given", settings, time(phong, "")],
-        [f"envphong, exponent (true {figures['true exponent']:g})", f"{figures['exponent']:.3f}", "converges", "", ""],
-        [f"envphong, colour (true {true})", colour, "converges", "", ""],
+        ["envphong, PSNR of the environment", f"{phong['psnr']:.1f} dB", "not given"],
+        [f"envphong, exponent (true {phong['true exponent']:g})", f"{phong['exponent']:.3f}", "converges"],
+        [f"envphong, colour (true {true})", colour, "converges"],
     ]
-    s = pose["settings"]
-    about = [
-        f"{s['trials']} trials, {s['resolution']} x {s['resolution']} pixels, {s['iterations']:,} iterations",
-        time(pose, " for all three"),
-    ]
-    for name in POSE:
-        each = pose["figures"][name]
-        rows.append([f"pose, {name}", f"{each['mean error']:.1f} degrees", f"{each['paper']:.2f}", *about])
-        about = ["", ""]
-    return table(["figure", "here", "paper", "settings here", "time, processor's time"], rows)
+    for name in ("noise", "two phases", "symmetry"):
+        rows.append([f"pose, {name}", f"{pose[name]['mean error']:.1f} degrees", f"{pose[name]['paper']:.2f}"])
+    return table(["figure", "here", "paper"], rows)
+
+
+KEPT: Mapping[str, str] = {
+    "timing-shading": r"(kernel, .* \| avx512|torch, .*) \| 1 \|",
+    "timing-bake": r"--help|inspect, 1024|bake (lean|neural|auto), (1024|8192)",
+    "timing-texture": r"^\| random, .*(\d\) \||aniso)",
+    "timing-raster": r"all three|^\| (1|1024) ",
+    "timing-stochastic": r"^\| \d+K? t.* s: ",
+    "timing-card-texture": r"random, (forward|.*to texels) \| .*\(\d\.\d\) \|",
+    "timing-card-raster": r"all three|^\| (1|1024) ",
+}
+"""Record of time to what rows of its tables a page shows: those that match."""
 
 
 def _kept(part: str, kept: re.Pattern[str]) -> str:
@@ -132,25 +85,10 @@ def _kept(part: str, kept: re.Pattern[str]) -> str:
     return "\n".join([head, separator, *rows]) if rows else ""
 
 
-KEPT: Mapping[str, str] = {
-    "timing-shading": r"\| 1 \|",
-    "timing-bake": r"--help|inspect, 1024|bake (lean|neural|auto)",
-    "timing-texture": r"\d\) \||^\| random, (anis|cube)",
-    "timing-raster": r"all three|^\| (1|1024) ",
-    "timing-render": r"candidate|reference",
-    "timing-stochastic": r"^\| (\d+K? t.* s: |figure \d, \w+ map \| \d)",
-    "timing-card-texture": r"(, forward|to texels) \| .*\(\d\.\d\) \|",
-    "timing-card-raster": r"all three|^\| (1|1024) ",
-}
-"""Record of time to what rows of its tables a page shows: those that match."""
-
-POSE = ("noise", "two phases", "symmetry")
-
-
 def printed(name: str) -> Callable[[Records], str]:
     """What a benchmark of time printed, with the machine and the day: Markdown where it has tables, else as it is.
 
-    Names of measures are spelled out. Of the rows of tables only those stay that KEPT asks for.
+    Of the rows of tables only those stay that match KEPT.
     """
     kept = re.compile(KEPT.get(name, ""))
 
@@ -159,7 +97,7 @@ def printed(name: str) -> Callable[[Records], str]:
         parts = "\n".join(record.data["printed"]).split("\n\n")
         lines = "\n\n".join(filter(None, (_kept(part, kept) for part in parts))).splitlines()
         if any(line.startswith("|") for line in lines):
-            lines = [line if line.startswith("|") else wrapped(_SPELLED.get(line, line)) for line in lines]
+            lines = [line if line.startswith("|") else wrapped(line) for line in lines]
         else:
             lines = ["```", *lines, "```"]
         more = f"; the [record](records/{name}.json) has more" if name in KEPT else ""
@@ -184,37 +122,6 @@ def beckmann_to_ggx(records: Records) -> str:
     )
 
 
-def mipnet_table(records: Records) -> str:
-    rows = [
-        [f"{row['step']:,.0f}", *(f"{row[f'network {pairs}']:.2f}" for pairs in PAIR_SETS), _loss(row)]
-        for row in records["training-mipnet"]["validations"]
-    ]
-    return (
-        "\n" + table(["steps", *(f"SNR in dB {_WHERE[pairs]}" for pairs in PAIR_SETS), "mean loss since"], rows) + "\n"
-    )
-
-
-def _loss(row: Mapping[str, float | None]) -> str:
-    return "" if row["loss"] is None else f"{row['loss']:.3f}"
-
-
-def mipnet_words(records: Records) -> str:
-    data = records["training-mipnet"]
-    (name, paper), first = next(iter(data["paper"].items())), data["validations"][0]
-    lost = f"{data['not finite']} of its losses are not finite." if data["not finite"] else "All its losses are finite."
-    text = (
-        f"It was trained for {data['steps']:,} steps at a rate of {data['learning rate']:g}, by revision "
-        f"`{data['commit'][:7]}`. {lost} The table has SNR on held-out patches. On the same patches plain averages "
-        f"have {_places(first, 'linear')}, and `{name}`, which has {paper['steps']:,} steps under the same loss, has "
-        f"{_places(paper, 'network')}."
-    )
-    return "\n" + wrapped(text) + "\n"
-
-
-def _places(row: Mapping[str, float], method: str) -> str:
-    return " and ".join(f"{row[f'{method} {pairs}']:.2f} dB {where}" for pairs, where in _WHERE.items())
-
-
 DOCSTRINGS: Mapping[str, Callable[[Any], str]] = {
     "mipbake.material.ggx_to_beckmann": ggx_to_beckmann,
     "mipbake.material.beckmann_to_ggx": beckmann_to_ggx,
@@ -222,20 +129,60 @@ DOCSTRINGS: Mapping[str, Callable[[Any], str]] = {
 """Functions whose docstrings hold what was measured, to the words in them."""
 
 
+def mipnet_words(records: Records) -> str:
+    data = records["training-mipnet"]
+    (name, paper), (first, *_, last) = next(iter(data["paper"].items())), data["validations"]
+
+    def snr(row: Mapping[str, float], method: str) -> str:
+        return " and ".join(f"{row[f'{method} {pairs}']:.2f} dB {where}" for pairs, where in _WHERE.items())
+
+    lost = f"{data['not finite']} of its losses are not finite." if data["not finite"] else "All its losses are finite."
+    return wrapped(
+        f"It was trained for {data['steps']:,} steps at a rate of {data['learning rate']:g}. {lost} On held-out "
+        f"patches it has {snr(last, 'network')}, and had {snr(first, 'network')} at first. Plain averages have "
+        f"{snr(first, 'linear')}, and `{name}`, which has {paper['steps']:,} steps under the same loss, has "
+        f"{snr(paper, 'network')}."
+    )
+
+
+def fit_words(records: Records) -> str:
+    """At how many scales a fit is ahead, as displays show it and in linear radiance."""
+    data, tables = records["fit"], script("benchmarks", "fit_tables")
+    shown, linear = (tables.words(data, measure) for measure in ("snr-displayed", "snr"))
+    return f"{wrapped(f'As displays show it: {shown}')}\n\n{wrapped(f'In linear radiance: {linear}')}"
+
+
+def fit_pictures(records: Records) -> str:
+    """The pictures of each set in each renderer, in the folder of the page."""
+    names = [(renderer, name) for renderer, sets in records["fit"]["renderers"].items() for name in sets]
+    return "\n\n".join(f"![{name} in {each}](fit-{each.replace(' ', '-')}-{name}.png)" for each, name in names)
+
+
+def _of(folder: str, module: str, function: str, record: str) -> Callable[[Any], str]:
+    """What a function of a script makes of a record."""
+    return lambda records: str(getattr(script(folder, module), function)(records[record]))
+
+
+_ENGINES = "benchmarks/engines"
 VIEWS: Mapping[str, Callable[[Any], str]] = {
     "picture/caption": scales_caption,
     "animation/caption": shimmer_caption,
-    "failure/table": failure_table,
-    "failure/words": failure_words,
     "fitting/table": fitting_table,
     "results-whole/table": results_table,
     "results-whole/words": lambda records: wrapped(results_words(records)),
     "training-mipnet/words": mipnet_words,
-    "training-mipnet/table": mipnet_table,
-    "engines-three/summary": lambda records: wrapped(in_three(records)),
-    **{f"films/{name}": view for name, view in FILM_VIEWS.items()},
-    **FIT_VIEWS,
-    **CARD_VIEWS,
+    "fit/words": fit_words,
+    "fit/pictures": fit_pictures,
+    "fit/means": _of("benchmarks", "fit_tables", "means_table", "fit"),
+    "fit/cost": _of("benchmarks", "fit_tables", "cost_table", "fit"),
+    "uastc/table": _of("benchmarks", "uastc", "summarised", "uastc"),
+    "engines-three/gains": _of(_ENGINES, "three_table", "gains", "engines-three"),
+    "engines-three/containers": _of(_ENGINES, "three_table", "containers", "engines-three"),
+    "engines-cycles/table": lambda records: table(
+        ["set", *records["engines-cycles"]["columns"]],
+        [[name, *(f"{each:.1f}" for each in row)] for name, row in records["engines-cycles"]["rows"].items()],
+    ),
+    **FILM_VIEWS,
     **SCALING_VIEWS,
     **{f"{name}/printed": printed(name) for name in KNOWN if name.startswith(("timing-", "weights"))},
 }

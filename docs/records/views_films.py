@@ -2,122 +2,168 @@
 
 from __future__ import annotations
 
-import math
+import itertools
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from statistics import fmean, median
+from typing import Any
 
-import numpy as np
+from scipy.stats import spearmanr
 
-from records.films import (
-    APART,
-    AUTO,
-    BUMPY,
-    GLOSSY,
-    LINEAR,
-    NEURAL,
-    NO_SPARKLE,
-    SPARKLE_MORE,
-    STEADY,
-    SUBJECTS,
-    Film,
-    films,
-    gain,
-    mean_jod,
-    moving,
-    ranked,
-    share,
-)
 from records.wrapping import table, wrapped
 
-if TYPE_CHECKING:
-    from records.record import Records
+AUTO, NEURAL, LINEAR = "auto", "neural", "linear (box)"
 
-MEASURES: Mapping[str, tuple[str, bool]] = {
-    "visible": ("`visible`, what judges and training minimise", False),
-    "flip": ("FLIP", False),
-    "snr-displayed": ("SNR of what is displayed", True),
-    "snr": ("SNR of linear light", True),
+JUDGE = "jod-37"
+"""The measure that methods are judged by: ColorVideoVDP at 37 pixels per degree, in JOD."""
+
+STEADY = (0.8, 1.25)
+"""Flicker that is within 25 % of the reference: change over the change there should be."""
+
+SPARKLE_MORE, NO_SPARKLE = 1.25, 1e-4
+"""False sparkle over that of LINEAR which is within 25 %, and false sparkle that is as good as none."""
+
+APART = 0.1
+"""JOD from which the order of two methods in a film counts."""
+
+MEASURES: Mapping[str, tuple[str, int]] = {
+    "visible": ("`visible`, what judges and training minimise", -1),
+    "flip": ("FLIP", -1),
+    "snr-displayed": ("SNR of what is displayed", 1),
+    "snr": ("SNR of linear light", 1),
 }
-"""Measure that is ranked beside the judge to what it is called, and whether more is better."""
+"""Measure that is ranked beside the judge to what it is called, and the sign by which more is better."""
 
 
-def setup(records: Records) -> str:
+@dataclass(frozen=True)
+class Film:
+    """One film of one set.
+
+    Args:
+        set, scene, sampler: names; the scene is `floor`, `low-floor`, `wall` or `sphere`.
+        converged: whether the reference is as clean as wanted.
+        figures: method to measure to figure, without those that are not numbers.
+    """
+
+    set: str
+    scene: str
+    sampler: str
+    converged: bool
+    figures: Mapping[str, Mapping[str, float]]
+
+    def jod(self, method: str) -> float:
+        """What the judge says."""
+        return self.figures[method][JUDGE]
+
+    def over(self, method: str) -> float:
+        """JOD of a method minus JOD of LINEAR."""
+        return self.jod(method) - self.jod(LINEAR)
+
+    def is_near_the_best_form(self, method: str) -> bool:
+        """Whether it is at most APART behind the best closed form of this film."""
+        best = max(self.jod(name) for name in self.figures if name not in (AUTO, NEURAL))
+        return round(best - self.jod(method), 6) <= APART
+
+    def sparkles(self, method: str) -> bool:
+        """Whether it sparkles more than LINEAR does, by more than 25 %."""
+        found, plain = (self.figures[name]["sparkle"] for name in (method, LINEAR))
+        return found > max(SPARKLE_MORE * plain, NO_SPARKLE)
+
+
+def films(data: Mapping[str, Any], accumulated: bool = False) -> list[Film]:
+    """The films of a record, under samplers that accumulate frames or under the others."""
+    return [
+        Film(
+            name, film["scene"].removeprefix("film-"), film["sampler"], film["converged"],
+            {m: {k: v for k, v in found.items() if v is not None} for m, found in film["figures"].items()},
+        )
+        for name, each in data["sets"].items()
+        for film in each["films"]
+        if film["sampler"].startswith("accumulated") == accumulated
+    ]  # fmt: skip
+
+
+def setup(data: Mapping[str, Any]) -> str:
     """What was filmed."""
-    data = records["films"]
-    found, effort = films(data, False), data["effort"]
-    lit = ", ".join(dict.fromkeys(each["lighting"] for each in data["sets"].values()))
-    networks = ", ".join(f"`{name}`" for name in dict.fromkeys(each["network"] for each in data["sets"].values()))
-    clean = sum(film.converged for film in found)
-    height = effort["height"]
+    found, effort = films(data), data["effort"]
+    scenes, samplers, lit, networks = (
+        _listed([*dict.fromkeys(names)])
+        for names in (
+            (film.scene for film in found),
+            (film.sampler for film in found),
+            (each["lighting"] for each in data["sets"].values()),
+            (f"`{each['network']}`" for each in data["sets"].values()),
+        )
+    )
+    clean, height = sum(film.converged for film in found), effort["height"]
     return wrapped(
-        f"There are {len(data['sets'])} texture sets, and {len(found)} films of every method: "
-        f"{_listed(_scenes(found))}, each with the samplers {_listed(_samplers(found))}. The lightings are {lit}, in "
-        f"turn, a set after the other. {_strata_words(found)} "
-        f"A film has {effort['frames']} frames of {height * 3 // 2} x {height} pixels. "
-        f"`{NEURAL}` is the network {networks}. The references of {clean} films are as clean as wanted within "
-        f"{effort['passes']} samples a pixel; the noise of the other references counts as error of all methods."
+        f"There are {len(data['sets'])} texture sets, and {len(found)} films of every method: {scenes}, each with the "
+        f"samplers {samplers}. The lightings are {lit}, in turn, a set after the other. A film has {effort['frames']} "
+        f"frames of {height * 3 // 2} x {height} pixels. `{NEURAL}` is the network {networks}. The references of "
+        f"{clean} films are as clean as wanted within {effort['passes']} samples a pixel; the noise of the other "
+        "references counts as error of all methods."
     )
 
 
-def short(records: Records) -> str:
+def short(data: Mapping[str, Any]) -> str:
     """What a reader of the README has to know of films."""
-    found, accumulated = _films(records), _films(records, True)
-    each, later, alone = gain(found, AUTO), gain(accumulated, AUTO).mean, gain(found, NEURAL)
-    better, worse = (share(found, lambda film, sign=sign: sign * film.over(AUTO) >= APART) for sign in (1, -1))  # type: ignore[misc]
+    found = films(data)
+    gains, alone = ([film.over(name) for film in found] for name in (AUTO, NEURAL))
+    later = fmean(film.over(AUTO) for film in films(data, True))
+    better, worse = (fmean(sign * each >= APART for each in gains) for sign in (1, -1))
     return wrapped(
-        "What people see is another question. ColorVideoVDP judged "
-        f"{len(found)} films of {len({film.set for film in found})} sets: floors, walls and spheres. Its unit "
-        "is JOD: one more means that three in four people prefer the film. Beside plain MIP maps, the films of "
-        f"`{AUTO}` gain {each.mean:+.2f} JOD in the mean, and from {each.film_gain(each.worst):+.2f} to "
-        f"{each.film_gain(each.best):+.2f}. They are better by {APART:g} JOD or more in {better:.0%} of the films, and "
-        f"worse by as much in {worse:.0%}. In films with temporal accumulation, which many engines have, the mean is "
-        f"{later:+.2f} JOD. The network alone gains {alone.mean:+.2f} JOD, and from "
-        f"{alone.film_gain(alone.worst):+.2f}: what `{AUTO}` adds for its time is a guard. "
-        "[Films](benchmarks/RESULTS-films.md) has more."
+        f"What people see is another question. ColorVideoVDP judged {len(found)} films of "
+        f"{len({film.set for film in found})} sets: floors, walls and spheres. Its unit is JOD: one more means that "
+        f"three in four people prefer the film. Beside plain MIP maps, the films of `{AUTO}` gain {fmean(gains):+.2f} "
+        f"JOD in the mean, and from {min(gains):+.2f} to {max(gains):+.2f}. They are better by {APART:g} JOD or more "
+        f"in {better:.0%} of the films, and worse by as much in {worse:.0%}. In films with temporal accumulation, "
+        f"which many engines have, the mean is {later:+.2f} JOD. The network alone gains {fmean(alone):+.2f} JOD, and "
+        f"from {min(alone):+.2f}. [Films](benchmarks/RESULTS-films.md) has more."
     )
 
 
-def jod(records: Records) -> str:
+def jod(data: Mapping[str, Any]) -> str:
     """Mean JOD, methods down, scenes and samplers across; the best of a column is bold."""
-    parts = _parts(_films(records))
-    shown = {name: [round(mean_jod(some, name), 2) for _, some in parts] for name in parts[0][1][0].methods}
-    most = [max(column) for column in zip(*shown.values(), strict=True)]
+    found = films(data)
+    titles = [*dict.fromkeys(f"{film.scene}, {film.sampler}" for film in found)]
+    parts = [[film for film in found if title == f"{film.scene}, {film.sampler}"] for title in titles] + [found]
+    shown = {name: [f"{fmean(film.jod(name) for film in part):.2f}" for part in parts] for name in found[0].figures}
+    most = [max(column, key=float) for column in zip(*shown.values(), strict=True)]
     rows = [
-        [name, *(f"**{v:.2f}**" if v == best else f"{v:.2f}" for v, best in zip(row, most, strict=True))]
+        [name, *(f"**{v}**" if v == best else v for v, best in zip(row, most, strict=True))]
         for name, row in shown.items()
     ]
-    return table(["mean JOD", *(title for title, _ in parts)], rows)
+    return table(["mean JOD", *titles, "all"], rows)
 
 
-def beside_linear(records: Records) -> str:
+def beside_linear(data: Mapping[str, Any]) -> str:
     """How auto and the network stand beside LINEAR, film by film."""
-    found, later = _films(records), _films(records, True)
-    parts = [("all", found), *_strata(found), *_by(later, lambda film: film.sampler)]
+    later = films(data, True)
+    parts = {"all": films(data)}
+    parts |= {name: [f for f in later if f.sampler == name] for name in dict.fromkeys(f.sampler for f in later)}
     rows = []
-    for method in SUBJECTS:
-        for title, some in parts:
-            each = gain(some, method)
-            ends = (f"{each.film_gain(film):+.2f} ({film.set}, {film.scene})" for film in (each.worst, each.best))
-            near = share(some, lambda film, method=method: round(film.behind_the_best_form(method), 6) <= APART)  # type: ignore[misc]
-            rows.append(
-                [f"{method}: {title}", str(len(some)), f"{each.mean:+.2f}", *ends, f"{each.above:.0%}", f"{near:.0%}"]
-            )
+    for method, (title, some) in itertools.product((AUTO, NEURAL), parts.items()):
+        gains = [film.over(method) for film in some]
+        shares = (fmean(gain > 0 for gain in gains), fmean(film.is_near_the_best_form(method) for film in some))
+        figures = (f"{each:+.2f}" for each in (fmean(gains), min(gains), max(gains)))
+        rows.append([f"{method}: {title}", str(len(some)), *figures, *(f"{each:.0%}" for each in shares)])
     heads = ["films", "how many", "mean", "worst", "best", "above", f"at most {APART:g} behind the best form"]
     return table(heads, rows)
 
 
-def steady(records: Records) -> str:
+def steady(data: Mapping[str, Any]) -> str:
     """Flicker and false sparkle, without accumulation."""
-    found, rows = _films(records), []
-    for name in found[0].methods:
-        moved = moving(found, name)
-        flicker = np.array([film.figures[name]["flicker"] for film in moved])
-        shares = [np.mean(each) if flicker.size else math.nan for each in (flicker < STEADY[0], flicker > STEADY[1])]
-        calm = share(moved, lambda film, name=name: film.is_steady(name))  # type: ignore[misc]
-        clean = share(found, lambda film, name=name: not film.sparkles(name))  # type: ignore[misc]
-        median = np.median(flicker) if flicker.size else math.nan
-        rows.append([name, f"{calm:.0%}", *(f"{each:.0%}" for each in shares), f"{median:.2f}", f"{clean:.0%}"])
-    least, most = STEADY
+    found, rows, (least, most) = films(data), [], STEADY
+    for name in found[0].figures:
+        # Where the reference hardly changes, flicker is no number.
+        flicker = [film.figures[name]["flicker"] for film in found if "flicker" in film.figures[name]]
+        shares = (
+            fmean(least <= each <= most for each in flicker),
+            fmean(each < least for each in flicker),
+            fmean(each > most for each in flicker),
+        )
+        clean = fmean(not film.sparkles(name) for film in found)
+        rows.append([name, *(f"{each:.0%}" for each in shares), f"{median(flicker):.2f}", f"{clean:.0%}"])
     said = (
         f"Flicker is right where it is from {least:g} to {most:g} times the reference's. The last column is the share "
         f"of films whose false sparkle is at most {SPARKLE_MORE:g} times that of `{LINEAR}`, or below {NO_SPARKLE:g}."
@@ -126,69 +172,35 @@ def steady(records: Records) -> str:
     return f"{table(heads, rows)}\n\n{wrapped(said)}"
 
 
-def ranks(records: Records) -> str:
-    """Measures beside the judge."""
-    found = [*_films(records), *_films(records, True)]
+def ranks(data: Mapping[str, Any]) -> str:
+    """Measures beside the judge: rank correlation over all films, and pairs of methods of a film in the right order."""
+    found = [*films(data), *films(data, True)]
+    pairs = [
+        (a, b)
+        for film in found
+        for a, b in itertools.combinations(film.figures.values(), 2)
+        if round(abs(a[JUDGE] - b[JUDGE]), 6) >= APART
+    ]
     rows = []
-    for measure, (title, higher) in MEASURES.items():
-        each = ranked(found, measure, higher)
-        rows.append(
-            [title, f"{each.overall:.3f}", f"{each.within:.3f}", f"{each.right:.0%}" if each.pairs else "no pair"]
-        )
-    each = ranked(found, *next((name, higher) for name, (_, higher) in MEASURES.items()))
-    said = (
-        f"There are {each.triples} triples of set, film and method, with accumulation and without. In {each.pairs} "
-        f"pairs of methods both methods were filmed in the same film and differ by {APART:g} JOD or more."
-    )
-    heads = ["measure", "over all triples", "within a film, mean", f"pairs {APART:g} JOD apart in the right order"]
+    for measure, (title, sign) in MEASURES.items():
+        known = [each for film in found for each in film.figures.values() if measure in each]
+        overall = sign * spearmanr([each[JUDGE] for each in known], [each[measure] for each in known]).statistic
+        right = fmean(sign * (a[JUDGE] - b[JUDGE]) * (a[measure] - b[measure]) > 0 for a, b in pairs)
+        rows.append([title, f"{round(float(overall), 3) + 0.0:.3f}", f"{right:.0%}"])  # and never -0
+    said = f"{len(pairs)} pairs of methods were filmed in the same film and differ by {APART:g} JOD or more."
+    heads = ["measure", "rank correlation", f"pairs {APART:g} JOD apart in the right order"]
     return f"{table(heads, rows)}\n\n{wrapped(said)}"
-
-
-def _films(records: Records, accumulated: bool = False) -> list[Film]:
-    return films(records["films"], accumulated)
-
-
-def _scenes(found: Sequence[Film]) -> list[str]:
-    return list(dict.fromkeys(film.scene for film in found))
-
-
-def _samplers(found: Sequence[Film]) -> list[str]:
-    return list(dict.fromkeys(film.sampler for film in found))
-
-
-def _by(found: Sequence[Film], key: Callable[[Film], str]) -> list[tuple[str, list[Film]]]:
-    """Title to films, by what their titles are."""
-    return [(title, [film for film in found if key(film) == title]) for title in dict.fromkeys(map(key, found))]
-
-
-def _strata(found: Sequence[Film]) -> list[tuple[str, list[Film]]]:
-    """Title to films: of each kind of set."""
-    return sorted(_by(found, lambda film: film.stratum))
-
-
-def _parts(found: Sequence[Film]) -> list[tuple[str, list[Film]]]:
-    """Title to films: of each scene and sampler, and all."""
-    return [*_by(found, lambda film: f"{film.scene}, {film.sampler}"), ("all", list(found))]
-
-
-def _strata_words(found: Sequence[Film]) -> str:
-    counts = [f"{len({film.set for film in some})} are {title.replace(',', ' and')}" for title, some in _strata(found)]
-    return (
-        f"A set is glossy where its mean roughness is below {GLOSSY:g}, and bumpy where the root mean square of its "
-        f"slopes is {BUMPY:g} or more: {_listed(counts)}."
-    )
 
 
 def _listed(words: Sequence[str]) -> str:
     return f"{', '.join(words[:-1])} and {words[-1]}" if len(words) > 1 else "".join(words)
 
 
+_VIEWS: Mapping[str, Callable[[Mapping[str, Any]], str]] = {
+    "short": short, "setup": setup, "jod": jod, "beside-linear": beside_linear, "steady": steady, "ranks": ranks,
+}  # fmt: skip
 FILM_VIEWS: Mapping[str, Callable[[Any], str]] = {
-    "short": short,
-    "setup": setup,
-    "jod": jod,
-    "beside-linear": beside_linear,
-    "steady": steady,
-    "ranks": ranks,
+    f"films/{name}": lambda records, view=view: view(records["films"])  # type: ignore[misc]
+    for name, view in _VIEWS.items()
 }
-"""Name of a block, behind `films/`, to what makes its text."""
+"""Name of a block to what makes its text."""

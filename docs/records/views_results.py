@@ -1,4 +1,4 @@
-"""Blocks of pages made from the records of benchmarks/results.py and of three.js."""
+"""Blocks of the README made from the records of benchmarks/results.py."""
 
 from __future__ import annotations
 
@@ -82,36 +82,6 @@ def _row(results: Any, figures: Callable[[str, float], np.ndarray]) -> list[floa
     near = [figures(_NEAR, lod).mean() for lod in _LODS]
     means = [fmean(figures(pairs, lod).mean() for lod in results.lods) for pairs in PAIR_SETS]
     return [round(float(value), 1) for value in (*near, *means)]
-
-
-def in_three(records: Records) -> str:
-    cells = [cell for cell in records["engines-three"]["cells"] if cell["container"] == "ktx2-rgba8"]
-    views = {(cell["set"], cell["view"]) for cell in cells}
-    sets = len({cell["set"] for cell in cells})
-    found = {name: _beside_linear(cells, name) for name in (SUBJECT, "auto")}
-    better = {name: sum(gain > 0 for gain, _, _ in each) for name, each in found.items()}
-    gains = {name: [gain for gain, _, _ in each] for name, each in found.items()}
-    flip = {name: sum(change < 0 for _, change, _ in each) for name, each in found.items()}
-    at = {scale: [change for _, change, where in found["auto"] if where == scale] for scale in ("far", "near")}
-    return (
-        f"three.js was compared with three.js supersampled in {len(views)} views: {sets} sets, a receding plane, a "
-        "wall seen straight on and a sphere, at four distances. The network's levels have a better SNR than averaged "
-        f"levels in {better[SUBJECT]} views, by {fmean(gains[SUBJECT]):.1f} dB in the mean ({min(gains[SUBJECT]):+.1f} "
-        f"to {max(gains[SUBJECT]):+.1f}). The levels of `auto` have a better SNR in {better['auto']} views, by "
-        f"{fmean(gains['auto']):.1f} dB ({min(gains['auto']):+.1f} to {max(gains['auto']):+.1f}). FLIP is lower in "
-        f"{flip[SUBJECT]} views with the network and in {flip['auto']} with `auto`. With `auto` FLIP is lower far away "
-        f"in {sum(c < 0 for c in at['far'])} of {len(at['far'])} views, and near in {sum(c < 0 for c in at['near'])} "
-        f"of {len(at['near'])}. Trilinear lookups blur by the longer side of a footprint, so surfaces that are seen "
-        "at an angle come out soft with plain levels already. There the pixel filter in level 0 adds to the blur."
-    )
-
-
-def _beside_linear(cells: list[dict[str, Any]], name: str) -> list[tuple[float, float, str]]:
-    """Gain in dB, change in FLIP as it is shown, and scale, of every view."""
-    linear = {(cell["set"], cell["view"]): cell for cell in cells if cell["candidate"] == "linear"}
-    own = [cell for cell in cells if cell["candidate"] == name]
-    pairs = [(cell, linear[cell["set"], cell["view"]]) for cell in own]
-    return [(a["snr"] - b["snr"], round(a["flip"], 4) - round(b["flip"], 4), a["scale"]) for a, b in pairs]
 
 
 def _of(records: Records, kind: str) -> Any:

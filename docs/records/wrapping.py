@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+
+from records.scripts import script
 
 _PROSE = re.compile(r"(?!\d+\. |\* )[A-Za-z0-9*`\[(]")  # neither headings, tables and pictures nor lists
+
+table: Callable[[Sequence[str], Sequence[Sequence[str]]], str] = script("benchmarks", "timing").table
+"""Heads and rows to Markdown."""
 
 
 def wrapped(words: str) -> str:
@@ -18,8 +23,3 @@ def wrapped_page(page: str) -> str:
     """The page with paragraphs as lines of at most 120 characters; tables, headings and pictures stay as they are."""
     parts = page.split("\n\n")
     return "\n\n".join(wrapped(part) + "\n" * part.endswith("\n") if _PROSE.match(part) else part for part in parts)
-
-
-def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Markdown."""
-    return "\n".join(f"| {' | '.join(row)} |" for row in (heads, ["---"] * len(heads), *rows))

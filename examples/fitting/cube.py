@@ -130,15 +130,13 @@ def figures(errors: dict[int, list[float]], success: float) -> dict[str, object]
 def main(arguments: Sequence[str] | None = None) -> None:
     settings, folder = report.parse(__doc__, Settings(), None, arguments)
     log = report.Report("cube", settings, folder)
-    rows, curves = [], {}
+    rows = []
     for continuous in (True, False):
         cube = Cube(continuous, settings)
         for resolution in settings.resolutions:
             name = f"{resolution} x {resolution}, {'continuous' if continuous else 'discontinuous'}"
             errors, pictures = fit(settings, cube, resolution)
             result = figures(errors, settings.success)
-            if result["successful"]:
-                curves[name] = result["convergence of the successful"]
             of_those = result["mean error of the successful"]
             log.add(
                 f"{name}: {result['successful']} of {settings.runs} runs within {settings.success:g} of the truth, "
@@ -147,9 +145,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
             )
             if continuous:
                 rows.append([picture[0] for picture in pictures] + [pictures[-1][1]])
-    if curves:
-        width = sum(image.shape[1] + 4 for image in rows[0]) - 4
-        rows.append([report.chart(curves, width, 260, log_y=True)])
     log.save(report.mosaic(rows))
 
 

@@ -147,7 +147,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         rows.append([report.upright(image[0]) for image in (torch.mul(*reference(seen)), *images)])
     width = rows[0][0].shape[1]
     rows[1:] = [[report.enlarged(image, width) for image in row] for row in rows[1:]]
-    log.save(report.mosaic([*rows, [report.chart(curves, 3 * width + 8, 220)]]))
+    log.save(report.mosaic(rows))
 
 
 if __name__ == "__main__":

@@ -149,12 +149,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     with torch.no_grad():
         pictures.append(report.upright(knot.render(truth, front, front_light)[0]))
     maps = [report.enlarged(textures.unfolded(t), 300) for t in (learned.environment, truth.environment)]
-    errors = {name: curve for name, curve in curves.items() if name != "texture, dB"}
-    charts = [
-        report.chart({"texture, dB": curves["texture, dB"]}, 320, 200),
-        report.chart(errors, 320, 200, log_y=True),
-    ]
-    log.save(report.mosaic([pictures, maps, charts]))
+    log.save(report.mosaic([pictures, maps]))
 
 
 if __name__ == "__main__":

@@ -28,7 +28,7 @@ from torch import Tensor
 import mipbake.nvdiffrast as dr
 
 DISTANCE, SLOPE = 10.0, 0.14
-"""A narrow view from far: views of a single face, from which no pose can be told, are rare (1 in 200)."""
+"""A narrow view from far: views of a single face, which show no pose, are rare (1 in 200)."""
 COLORS = torch.tensor(
     [[0.9, 0.1, 0.1], [0.1, 0.7, 0.2], [0.1, 0.3, 0.9], [0.95, 0.85, 0.1], [1, 1, 1], [0.9, 0.5, 0.1]]
 )

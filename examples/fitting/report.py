@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import itertools
 import json
 import os
 import time
@@ -18,8 +17,6 @@ import torch
 from torch import Tensor
 
 Settings = TypeVar("Settings")
-COLORS = np.array([[0.9, 0.3, 0.2], [0.2, 0.5, 0.9], [0.2, 0.65, 0.3], [0.6, 0.35, 0.75], [0.85, 0.6, 0.1], [0.3] * 3])
-"""Colours of the curves of a chart, in their order."""
 
 
 def parse(
@@ -71,7 +68,7 @@ def psnr(image: Tensor, reference: Tensor) -> float:
 
 
 class Report:
-    """Figures of one experiment, told on the console while they arise and kept with the settings and the time."""
+    """Figures of one experiment, printed while they arise and kept with the settings and the time."""
 
     def __init__(self, name: str, settings: object, folder: Path) -> None:
         self.name, self.folder, self.settings = name, folder, settings
@@ -138,54 +135,3 @@ def mosaic(rows: Sequence[Sequence[np.ndarray]], gap: int = 4) -> np.ndarray:
             left += image.shape[1] + gap
         top += tall + gap
     return sheet
-
-
-def chart(
-    curves: Mapping[str, Sequence[tuple[float, float]]], width: int, height: int, log_y: bool = False
-) -> np.ndarray:
-    """(height, width, 3): curves of (iteration, value) over a logarithmic axis, their names in their colours.
-
-    With `log_y` the values are on a logarithmic axis too, down to 1e-5.
-    """
-    points = np.array([point for curve in curves.values() for point in curve])
-    low, high = points[:, 1].min(), points[:, 1].max()
-    if log_y:
-        low, high = np.log10(max(low, 1e-5)), np.log10(high)
-    low, high = (low, high) if high > low else (low - 1, high + 1)
-    last = np.log10(points[:, 0].max() + 1)
-    scale, left, below = 2, 56, 22
-    canvas = OpenImageIO.ImageBuf(OpenImageIO.ImageSpec(width * scale, height * scale, 3, "float"))
-    OpenImageIO.ImageBufAlgo.fill(canvas, (1, 1, 1))
-
-    def place(x: float, y: float) -> tuple[int, int]:
-        y = np.log10(max(y, 1e-5)) if log_y else y
-        across = left + (width - left - 8) * np.log10(x + 1) / last
-        up = 8 + (height - below - 16) * (high - y) / (high - low)
-        return int(scale * across), int(scale * up)
-
-    def line(x0: int, y0: int, x1: int, y1: int, color: Sequence[float]) -> None:
-        for dx, dy in ((0, 0), (1, 0), (0, 1)):
-            OpenImageIO.ImageBufAlgo.render_line(canvas, x0 + dx, y0 + dy, x1 + dx, y1 + dy, (*color, 1), True)
-
-    def text(x: int, y: int, words: str, color: Sequence[float] = (0.2, 0.2, 0.2)) -> None:
-        # Where the library was built without a font there is no text; the curves stand in the JSON with their names.
-        OpenImageIO.ImageBufAlgo.render_text(canvas, x, y, words, 12 * scale, "", (*color, 1))
-
-    for power in range(int(last) + 1):
-        x, label = place(10**power - 1, points[0, 1])[0], str(10**power)
-        line(x, 8 * scale, x, (height - below - 8) * scale, (0.85, 0.85, 0.85))
-        text(min(x - 4 * scale, (width - 8 * len(label)) * scale), (height - 6) * scale, label)
-    for fraction in (0, 0.25, 0.5, 0.75, 1):
-        y = low + (high - low) * fraction
-        value = 10**y if log_y else y
-        x, y = place(0, value)
-        line(x, y, (width - 8) * scale, y, (0.85, 0.85, 0.85))
-        text(2 * scale, y + 4 * scale, f"{value:.3g}")
-    for index, (name, curve) in enumerate(curves.items()):
-        color = COLORS[index % len(COLORS)]
-        places = [place(x, y) for x, y in curve]
-        for (x0, y0), (x1, y1) in itertools.pairwise(places):
-            line(x0, y0, x1, y1, color)
-        text((left + 10) * scale, (height - below - 18 - 15 * (len(curves) - 1 - index)) * scale, name, color)
-    pixels = canvas.get_pixels("float")
-    return pixels.reshape(height, scale, width, scale, 3).mean((1, 3))

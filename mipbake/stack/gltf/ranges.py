@@ -21,7 +21,7 @@ show it."""
 
 _LEAST_Z = 0.05  # slopes of steeper normals are held there
 _LEAST_FACTOR = 1 / 255  # a step of eight bits: not tuned
-_USUAL_SHARE = 0.9  # share of slopes within the scale: the best of the tried shares for all sets (benchmarks/uastc.py)
+_USUAL_SHARE = 0.9  # share of slopes within the scale: the best of the tried shares for all sets (benchmarks)
 
 
 @dataclass(frozen=True)

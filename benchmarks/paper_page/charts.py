@@ -6,10 +6,10 @@ from collections.abc import Callable, Sequence
 from html import escape
 
 import numpy as np
-
-from mipbake.quality.metrics import PAIR_SETS
 from results_page.files import Results
 from results_page.tables import PLACES
+
+from mipbake.quality.metrics import PAIR_SETS
 
 _SCALES = {"near": (0.0, 1.0), "middle": (2.0, 3.0), "far": (5.0, 7.0)}
 """Levels of detail of texture space that are shown as the paper's scales."""

@@ -1,4 +1,4 @@
-"""benchmarks/films.py: what is baked and filmed, and how a run goes on."""
+"""benchmarks/films.py and benchmarks/aims.py: what is baked and measured, and how a run goes on."""
 
 from __future__ import annotations
 
@@ -12,6 +12,10 @@ from types import ModuleType
 from typing import Any
 
 import pytest
+
+from mipbake.baking.bake import Recipe
+from mipbake.quality.judging.probes import ProbeEffort
+from mipbake.quality.metrics import PAIR_SETS
 
 from .test_results import bumpy
 
@@ -90,3 +94,24 @@ def test_sets_are_measured_in_pieces(
     with pytest.raises(SystemExit):
         run("--plans", "e")
     assert "no set e: expected some of d, a, b, c" in capsys.readouterr().err
+
+
+def test_aims_of_parts_of_some_sets(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    script = importlib.import_module("aims")
+    every = list(script.methods())
+    assert [n for n, _, _ in every if n.startswith("auto")] == [f"auto, aim {aim:g}" for aim in (0, 0.25, 0.5, 0.75, 1)]
+    names = ("linear (box)", "lean (gaussian)")
+    monkeypatch.setattr(script, "methods", lambda: iter([each for each in every if each[0] in names]))
+    monkeypatch.setattr(script, "EFFORT", ProbeEffort(groups=2, points=8, samples=4, pictures=8, picture_samples=2))
+    monkeypatch.setattr(script, "SIDE", 16)
+    monkeypatch.setattr(script, "SETS", 2)
+    monkeypatch.setattr(script, "folder_sets", lambda _folder: {name: lambda: bumpy(32) for name in "abcd"})
+    monkeypatch.setattr(sys, "argv", ["aims.py", "sets", "--results", str(tmp_path / "out.json")])
+    script.main()
+    found = json.loads((tmp_path / "out.json").read_text())
+    assert found["side"] == 16 and list(found["sets"]) == ["a", "c"]
+    for methods in found["sets"].values():
+        plain, lean = (methods[name] for name in names)
+        assert tuple(plain)[:2] == tuple(PAIR_SETS) and plain != lean and all(plain[pairs] > 0 for pairs in PAIR_SETS)
+        assert all(error > 0 for name, error in lean.items() if name not in PAIR_SETS)
