@@ -13,7 +13,6 @@ from typing import Any
 
 import pytest
 
-from mipbake.baking.bake import Recipe
 from mipbake.quality.judging.probes import ProbeEffort
 from mipbake.quality.metrics import PAIR_SETS
 
