@@ -36,7 +36,7 @@ def command(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
 def test_commands_work_without_extras(tmp_path: Path) -> None:
     folder, out = write_set(tmp_path / "metal"), tmp_path / "out"
     for arguments in (
-        ("bake", folder, "-o", out, "--method", "linear", "--format", "exr,ktx2:bc,dds:bc1"),
+        ("bake", folder, "-o", out, "--method", "linear", "--format", "exr,ktx2:uastc,dds:bc1,glb"),
         ("bake", folder, "-o", tmp_path / "auto", "--budget", "0.01s", "--colour-space", "Display P3"),
         ("info", out / "metal"),
         ("convert", folder, "-o", tmp_path / "converted", "--to", "ggx"),
@@ -64,8 +64,6 @@ def test_commands_work_without_extras(tmp_path: Path) -> None:
             "the device cuda needs torch, which mipbake's extra `train` brings: python -m pip install "
             '"mipbake[train]"',
         ),
-        (("bake", SET, "-o", "{tmp}", "--method", "linear", "--format", "ktx2:uastc"), 'pip install "mipbake[uastc]"'),
-        (("bake", SET, "-o", "{tmp}", "--method", "linear", "--format", "glb"), 'pip install "mipbake[uastc]"'),
     ],
 )
 def test_who_lacks_an_extra_reads_what_to_type(

@@ -9,6 +9,7 @@ namespace nb = nanobind;
 void bind_shading(nb::module_& m);
 void bind_texture(nb::module_& m);
 void bind_resample(nb::module_& m);
+void bind_blocks(nb::module_& m);
 void bind_raster(nb::module_& m);
 void bind_interpolate(nb::module_& m);
 void bind_antialias(nb::module_& m);
@@ -33,6 +34,7 @@ NB_MODULE(_native, m) {
     bind_shading(m);
     bind_texture(m);
     bind_resample(m);
+    bind_blocks(m);
     bind_raster(m);
     bind_interpolate(m);
     bind_antialias(m);

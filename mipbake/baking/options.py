@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, fields
 
 from mipbake.baking.adjust import Adjustments
@@ -10,8 +9,7 @@ from mipbake.baking.bake import AUTO_TARGET, Recipe
 from mipbake.base.errors import UsageError
 from mipbake.base.options import one_of, option
 from mipbake.material import GLTF_MODELS
-from mipbake.source.images.uastc import check_encoder
-from mipbake.source.jobs import Failure, Job
+from mipbake.source.jobs import Job
 from mipbake.source.options import NORMAL_CONVENTIONS
 from mipbake.source.texture_set import source_model
 from mipbake.stack.containers import DEFAULT_FORMAT, FORMATS
@@ -106,8 +104,6 @@ class BakeOptions(Recipe):
         if not for_gltf and (glb or adjustments != Adjustments()):
             what = f"format {GLB}" if glb else "--keep-level0, --strength and --min-roughness"
             raise UsageError(f"the target {target} does not go with {what}: expected {' or '.join(GLTF_MODELS)}")
-        if glb or any(output.container.texels == GLB_TEXELS[0] for output in outputs):
-            check_encoder()
         return BakePlan(options, target, preset, outputs, glb, documents, adjustments, finer)
 
 
@@ -143,8 +139,3 @@ class BakePlan:
     def writes_maps(self, job: Job) -> bool:
         """Whether files of maps are written of a source, not a document alone."""
         return bool(self.outputs) and not (self.documents and job.document is not None)
-
-    def check_encoder(self, found: Iterable[Job | Failure]) -> None:
-        """UsageError where a source becomes a GLB and the encoder of its textures is not installed."""
-        if any(isinstance(job, Job) and self.wants_glb(job) for job in found):
-            check_encoder()

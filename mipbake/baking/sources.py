@@ -92,7 +92,6 @@ def bake_sources(
     given = [sources] if isinstance(sources, (str, os.PathLike)) else sources
     with temporary_folder() as scratch:
         found = jobs([os.fspath(each) for each in given], load or LoadOptions(), scratch)
-        plan.check_encoder(found)
         listener.found(plan, found)
         return bake_jobs(Run(plan, listener, keeps=True), found, Path(out))
 

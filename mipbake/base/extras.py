@@ -16,9 +16,9 @@ EXTRAS: Mapping[str, Mapping[str, str]] = {
         "scipy": "scipy",
         "skimage": "scikit-image",
     },
+    "etc1s": {"alktx2": "alktx2"},
     "fit": {"moderngl": "moderngl"},
     "train": {"torch": "torch"},
-    "uastc": {"alktx2": "alktx2"},
     "watch": {"watchfiles": "watchfiles"},
 }
 """Extra to the modules that the code imports, and what each is called where it is installed from."""

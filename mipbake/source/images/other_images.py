@@ -20,10 +20,10 @@ from mipbake.base.messages import one_line
 from mipbake.source.images import dds, ktx2
 from mipbake.source.images.blocks import from_blocks
 from mipbake.source.images.colours import Colour, coded
+from mipbake.source.images.etc1s import transcoded
 from mipbake.source.images.gpu_format import GPU_FORMATS, GpuTexture
 from mipbake.source.images.icc import profile_colour
 from mipbake.source.images.image import Declared, Header, orientation
-from mipbake.source.images.uastc import transcoded
 from mipbake.source.options import CUSTOM, PREMULTIPLIED, STRAIGHT
 
 if TYPE_CHECKING:
