@@ -20,8 +20,7 @@ import mipbake
 from mipbake.comparing.meshes import mesh_render
 from mipbake.material.aim import DEFAULT_AIM
 from mipbake.quality import environment
-from mipbake.quality.judging.terms import TERMS
-from mipbake.quality.judging.weights import weights_for
+from mipbake.quality.judging.terms import TERMS, weights_for
 from mipbake.source.layout import PROJECT
 
 from .source_tree import NATIVE, modules

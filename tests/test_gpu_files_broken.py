@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import struct
-import tempfile
 import tracemalloc
 from pathlib import Path
 
@@ -13,7 +12,6 @@ import pytest
 from mipbake.base.errors import InputError, OutputError
 from mipbake.base.publish import replaced_file
 from mipbake.source.images import dds, ktx2
-from mipbake.source.images.blocks import from_blocks
 from mipbake.source.images.gpu_format import GPU_FORMATS
 
 from .gpu_textures import texture
@@ -134,15 +132,6 @@ def test_key_value_data() -> None:
 )
 def test_fields_of_dds(place: int, value: int, part: str) -> None:
     assert part in told(changed(dds.encoded(GIVEN), place, value), "a.dds")
-
-
-@pytest.mark.parametrize("name", ["BC7", "BC1", "UASTC"])
-def test_no_place_for_temporary_files_is_told(tmp_path, monkeypatch, name: str) -> None:
-    made = next(f for key, f in GPU_FORMATS.items() if key.startswith(name))
-    given = texture(made, 8, 8)
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "gone"))
-    with pytest.raises(OutputError, match=r"cannot write temporary files: .*TMPDIR"):
-        from_blocks(given)
 
 
 @pytest.mark.parametrize(

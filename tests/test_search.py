@@ -35,7 +35,6 @@ from mipbake.quality.reference.estimate import reference
 from mipbake.quality.reference.problem import Problem
 from mipbake.quality.reference.sequences import random_points
 from mipbake.quality.round_lookups import candidate
-from mipbake.stack.measured import measured_from
 
 from .no_default_weights import hide_defaults
 from .quick_methods import quick_methods
@@ -246,27 +245,6 @@ def test_models_without_weights_blend_closed_forms_alone(monkeypatch: pytest.Mon
     info = next(info for info in list_weights() if "mitchell" not in info.pixel_filters)
     with pytest.raises(UsageError, match=rf"weights {info.name} are for"):
         method_named("auto", weights=info.name)(stored, "gltf", "beckmann", "mitchell", WRAP, lambda _: None)
-
-
-def test_figures_of_other_shapes_are_refused() -> None:
-    assert measured_from(None) is None
-    figures = {"near-mirror": 1.0, "hemisphere": 2.0}
-    level = {"level": 0, "sources": ["linear (box)"], "refined": 0.0, "snr": figures, "standard_error": figures}
-    level |= {"best_closed_form": {name: "linear (box)" for name in figures}, "best_closed_form_snr": figures}
-    level |= {"gain_error": figures}
-    right = {"levels": [level], "pairs": 64, "points": 8, "left_out": []}
-    found = measured_from(right)
-    assert found is not None and found.levels[0].snr == figures
-    for wrong, sentence in (
-        ([], "the promise is a list: expected an object"),
-        ({**right, "pairs": "64"}, "pairs of the promise is '64': expected a whole number from 0 up"),
-        ({**right, "levels": [{**level, "sources": "neural"}]}, "sources of level 0 .* expected a list of names"),
-        ({**right, "levels": [{**level, "snr": {"hemisphere": "2"}}]}, "snr of level 0 .* pair sets with numbers"),
-        ({**right, "between": [{"lod": 0.5}]}, "lookup 0 of the promise has lod: expected best_closed_form, "),
-        ({**right, "levels": [{**level, "snr": {"hemisphere": 2.0}}]}, "level 0 .* different pair sets"),
-    ):
-        with pytest.raises(ValueError, match=sentence):
-            measured_from(wrong)
 
 
 @pytest.mark.long
