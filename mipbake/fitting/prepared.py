@@ -84,6 +84,7 @@ class Prepared:
         weights = 1 / _energies(reference, shown)
         started = np.maximum(weights * _energies(_looks(found.image, exposure) - reference, shown), _LEAST_ERROR)
         sizes, uv_da = parameters.sizes, found.uv_da
+        touched: NDArray[np.int32]
         if uv_da is not None:
             touched = touched_texels(sizes, found.uv, None, uv_da, found.seen, "anisotropic", wrap)
         else:
