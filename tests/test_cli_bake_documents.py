@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import pytest
@@ -43,14 +42,6 @@ def test_a_document_becomes_a_glb_unless_something_else_is_asked_for(tmp_path, a
     (job,) = jobs([str(small().write(tmp_path / "bolt"))], LoadOptions(), tmp_path)
     made = BakeOptions(**asked).plan()
     assert (made.wants_glb(job), made.writes_maps(job)) == (as_glb, not as_glb)
-
-
-def test_without_the_encoder_a_document_is_refused_before_it_is_read(tmp_path, capsys, monkeypatch) -> None:
-    monkeypatch.setitem(sys.modules, "alktx2", None)
-    source = small().write(tmp_path / "bolt")
-    said = fails(capsys, 2, "bake", source, "-o", tmp_path / "out", *LINEAR)
-    assert "alktx2" in said and "--format exr" in said
-    assert bake(source, "-o", tmp_path / "out", "--format", "exr")[0] == 0
 
 
 def test_a_glb_of_a_folder(tmp_path) -> None:
