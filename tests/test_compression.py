@@ -178,7 +178,7 @@ def test_long_phases_move_as_they_go(tmp_path) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("fmt", "packing"), [("dds:bc", "orm"), ("dds:bc", "separate"), ("png:8", "orm")])
+@pytest.mark.parametrize(("fmt", "packing"), [("ktx2:uastc", "orm"), ("dds:bc", "separate"), ("png:8", "orm")])
 def test_coverage_is_measured_in_the_files(tmp_path, fmt: str, packing: str) -> None:
     """The largest change of any level of at least 8 x 8 texels; smaller ones have more, which is not told."""
     found = written(leaves(), tmp_path / "s", Output(fmt, packing))

@@ -111,7 +111,7 @@ def kept(renderer: Any, views: Sequence[Spot] | None = None, **more: Any) -> Any
 
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore:no view that is held out")
-@pytest.mark.parametrize("more", [{}, {"renders": 3}, {"texels": "nearest"}, {"rate": 30.0, "steps": 480}])
+@pytest.mark.parametrize("more", [{}, {"renders": 3}, {"rate": 30.0, "steps": 480}])
 def test_a_renderer_that_follows_the_stamps_has_all_texels(
     more: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:

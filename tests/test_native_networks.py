@@ -71,7 +71,7 @@ def test_released_weights_of_moments_bake_what_torch_bakes(info, pixel_filter: s
     sampler = [*SAMPLERS.values(), Sampler(4, -1.0, 8)][list(FILTERS).index(pixel_filter) % 4]
     (read,), (made,) = info.network.encoders, info.network.decoders
     stored = of_model(read, 48, 40) if read != "gltf" else bumpy(48, 40)
-    lookup = Lookup(pixel_filter, info.network.told(sampler))
+    lookup = Lookup(pixel_filter, info.network.taken(sampler))
     theirs = moment_levels(load_network(info), stored, lookup, ("clamp", "wrap"))
     baker = load_baker(info)
     assert isinstance(baker, MomentBaker)

@@ -181,6 +181,7 @@ def test_lists_come_from_stdin(tmp_path: Path, capsys, monkeypatch) -> None:
     assert "the list of the standard input holds no path" in fails(capsys, 3, "inspect", "@-")
 
 
+@pytest.mark.usefixtures("quick_comparison")
 @pytest.mark.long
 def test_compare_writes_a_report_for_each(tmp_path: Path, capsys) -> None:
     for name in ("a", "b"):

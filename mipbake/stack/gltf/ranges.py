@@ -54,6 +54,8 @@ class Ranges:
         return self._changed(file, np.multiply, unit=True)
 
     def _changed(self, file: MapFile, change: np.ufunc, unit: bool) -> MapFile:
+        if not any(getattr(self, c.map, 1) != 1 for c in file.layout.channels):
+            return file  # levels that are made when they are read stay so
         levels = [level.copy() for level in file.levels]
         for name, factor in (("normal", [self.normal, self.normal, 1]), ("roughness", self.roughness)):
             found = {c.index: place for place, c in enumerate(file.layout.channels) if c.map == name}
