@@ -367,28 +367,6 @@ struct ResampleArgs {
 template <class T>
 void resample_cpu(const ResampleArgs<T>& args, T* out);
 
-// ---- Block compression ----
-
-enum class BlockFormat { bc1, bc2, bc3, bc4, bc5, bc7, uastc };
-
-struct BlockArgs {
-    BlockFormat format;  // bc1, bc4, bc5, bc7 or uastc
-    std::int64_t height, width;
-    const float*
-        values;  // (height, width, C) finite, what a file holds from 0 to 1; C is 1 or 2 of bc4 and bc5, else 4
-    const float* weights;  // as many, of at least 0: what a squared error counts; null where all count the same
-};
-
-// Blocks of 4 x 4 texels, row by row, 8 bytes each of bc1 and bc4, 16 of the others. Texels beyond the borders repeat
-// those at them. Endpoints and indices are sought for the least sum of weighted squared errors of what decoders give.
-// bc1 leaves alpha out; bc7 and uastc keep the alpha of opaque blocks. BC4 and BC5 count on decoders that do not round
-// to 8 bits.
-void encode_blocks_cpu(const BlockArgs& args, std::uint8_t* blocks);
-
-// `values` (height, width, C), C of bc2 and bc3 being 4: what graphics cards give, from 0 to 1.
-void decode_blocks_cpu(BlockFormat format, std::int64_t height, std::int64_t width, const std::uint8_t* blocks,
-                       float* values);
-
 // ---- Rasterisation ----
 
 constexpr int max_resolution = 32768;  // pixels along an axis

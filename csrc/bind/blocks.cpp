@@ -6,7 +6,7 @@
 #include <string>
 
 #include "bind/arrays.h"
-#include "ops.h"
+#include "block_ops.h"
 
 namespace {
 
@@ -21,9 +21,6 @@ BlockFormat format_of(const std::string& name) {
         if (name == names[i]) return static_cast<BlockFormat>(i);
     throw std::invalid_argument("unknown format of blocks");
 }
-
-Index bytes_of(BlockFormat format) { return format == BlockFormat::bc1 || format == BlockFormat::bc4 ? 8 : 16; }
-Index channels_of(BlockFormat format) { return format == BlockFormat::bc4 ? 1 : format == BlockFormat::bc5 ? 2 : 4; }
 
 void encode(const std::string& name, const Input& values, const std::optional<Input>& weights, const Output& blocks) {
     const BlockFormat format = format_of(name);

@@ -4,15 +4,10 @@
 
 #include <cstdint>
 
+#include "block_ops.h"
 #include "core/isa.h"
-#include "ops.h"
 
 namespace mipbake {
-
-constexpr int bytes_of(BlockFormat format) { return format == BlockFormat::bc1 || format == BlockFormat::bc4 ? 8 : 16; }
-constexpr int channels_of(BlockFormat format) {
-    return format == BlockFormat::bc4 ? 1 : format == BlockFormat::bc5 ? 2 : 4;
-}
 
 MIPBAKE_FOR_EACH_ISA(
     // Blocks [begin, end), row by row.

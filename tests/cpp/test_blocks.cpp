@@ -5,9 +5,9 @@
 #include <cstdint>
 #include <vector>
 
+#include "block_ops.h"
 #include "check.h"
 #include "core/parallel.h"
-#include "ops.h"
 
 using namespace mipbake;
 
@@ -21,9 +21,6 @@ float random_number() {
     state = state * 1664525u + 1013904223u;
     return static_cast<float>(state >> 8) / (1 << 24);
 }
-
-int bytes_of(BlockFormat format) { return format == BlockFormat::bc1 || format == BlockFormat::bc4 ? 8 : 16; }
-int channels_of(BlockFormat format) { return format == BlockFormat::bc4 ? 1 : format == BlockFormat::bc5 ? 2 : 4; }
 
 std::vector<std::uint8_t> encoded(BlockFormat format, Index height, Index width, const std::vector<float>& values,
                                   const std::vector<float>& weights = {}) {
