@@ -17,6 +17,14 @@ void set_num_threads(int count);
 bool cuda_compiled();   // whether this build has CUDA kernels
 bool cuda_available();  // whether it also finds a CUDA device to run them on
 
+// A stream (a cudaStream_t) of a CUDA device. Functions that take one are defined where cuda_compiled(), for arrays of
+// float in the memory of that device. They enqueue their work and do not wait for it. They throw std::runtime_error
+// with CUDA's message.
+struct CudaStream {
+    int device;
+    std::uintptr_t stream;
+};
+
 // ---- Shading ----
 
 struct ModelInfo {
@@ -80,11 +88,8 @@ void shade_lit_cpu(const ShadeLitArgs& args, void* out);
 // adjoint of its own; the two agree to rounding. It is for directions that all texels share.
 void shade_backward_cpu(const ShadeArgs& args, const void* grad_radiance, void* grad_material, bool duals);
 
-// The same for arrays on the GPU, in float alone, enqueued on a stream (a cudaStream_t) of the device. They throw
-// std::runtime_error with CUDA's message; in a build without CUDA, always.
-void shade_cuda(const ShadeArgs& args, void* radiance, int device, std::uintptr_t stream);
-void shade_backward_cuda(const ShadeArgs& args, const void* grad_radiance, void* grad_material, int device,
-                         std::uintptr_t stream);
+void shade_cuda(const ShadeArgs& args, void* radiance, CudaStream stream);
+void shade_backward_cuda(const ShadeArgs& args, const void* grad_radiance, void* grad_material, CudaStream stream);
 
 // ---- Networks ----
 
@@ -206,10 +211,9 @@ void interpolate_cpu(const InterpolateArgs<T>& args, T* out, T* out_da);
 template <class T>
 void interpolate_backward_cpu(const InterpolateArgs<T>& args, const InterpolateGrads<T>& grads);
 
-// Pointers are the device's but for args.listed. Null, or the text of CUDA's error. Defined where cuda_compiled().
-const char* interpolate_cuda(const InterpolateArgs<float>& args, float* out, float* out_da, int device, void* stream);
-const char* interpolate_backward_cuda(const InterpolateArgs<float>& args, const InterpolateGrads<float>& grads,
-                                      int device, void* stream);
+void interpolate_cuda(const InterpolateArgs<float>& args, float* out, float* out_da, CudaStream stream);
+void interpolate_backward_cuda(const InterpolateArgs<float>& args, const InterpolateGrads<float>& grads,
+                               CudaStream stream);
 
 template <class T>
 struct AntialiasArgs {
@@ -245,10 +249,9 @@ template <class T>
 void antialias_backward_cpu(const AntialiasArgs<T>& args, const AntialiasGrads<T>& grads);
 
 // workspace: a byte per triangle, for each batch item that has positions of its own.
-const char* antialias_cuda(const AntialiasArgs<float>& args, float* out, std::uint8_t* workspace, int device,
-                           void* stream);
-const char* antialias_backward_cuda(const AntialiasArgs<float>& args, const AntialiasGrads<float>& grads,
-                                    std::uint8_t* workspace, int device, void* stream);
+void antialias_cuda(const AntialiasArgs<float>& args, float* out, std::uint8_t* workspace, CudaStream stream);
+void antialias_backward_cuda(const AntialiasArgs<float>& args, const AntialiasGrads<float>& grads,
+                             std::uint8_t* workspace, CudaStream stream);
 
 // ---- Texture ----
 
@@ -332,15 +335,12 @@ void texture_mip_cpu(const MipShape& shape, Storage storage, const void* level, 
 template <class T>
 void texture_mip_backward_cpu(const MipShape& shape, const T* grad_out, T* grad);
 
-// Pointers are the device's; in float alone, texels in float or a half type. Null, or the text of CUDA's error. Texel
-// gradients are summed with atomics, so their last digits vary from run to run. Defined where cuda_compiled().
-const char* texture_cuda(const TextureArgs<float>& args, float* out, int device, void* stream);
-const char* texture_backward_cuda(const TextureArgs<float>& args, const TextureGrads<float>& grads, int device,
-                                  void* stream);
-const char* texture_mip_cuda(const MipShape& shape, Storage storage, const void* level, void* out, int device,
-                             void* stream);
-const char* texture_mip_backward_cuda(const MipShape& shape, const float* grad_out, float* grad, int device,
-                                      void* stream);
+// Texels are float or of a half type. Texel gradients are summed with atomics, so their last digits vary from run to
+// run.
+void texture_cuda(const TextureArgs<float>& args, float* out, CudaStream stream);
+void texture_backward_cuda(const TextureArgs<float>& args, const TextureGrads<float>& grads, CudaStream stream);
+void texture_mip_cuda(const MipShape& shape, Storage storage, const void* level, void* out, CudaStream stream);
+void texture_mip_backward_cuda(const MipShape& shape, const float* grad_out, float* grad, CudaStream stream);
 
 // ---- Resampling ----
 
@@ -419,10 +419,10 @@ void rasterize_cpu(const RasterizeArgs<T>& args, std::int64_t scratch);
 template <class T>
 void rasterize_backward_cpu(const RasterizeBackwardArgs<T>& args);
 
-// Pointers are the device's, but for ranges. The workspace has rasterize_workspace bytes. Null, or the text of CUDA's
-// error. Sums into vertices use atomics, so their last digits vary from run to run. Defined where cuda_compiled().
+// The workspace has rasterize_workspace bytes. Sums into vertices use atomics, so their last digits vary from run to
+// run.
 std::int64_t rasterize_workspace(std::int64_t batch, std::int64_t triangles, int height, int width);
-const char* rasterize_cuda(const RasterizeArgs<float>& args, void* workspace, int device, void* stream);
-const char* rasterize_backward_cuda(const RasterizeBackwardArgs<float>& args, int device, void* stream);
+void rasterize_cuda(const RasterizeArgs<float>& args, void* workspace, CudaStream stream);
+void rasterize_backward_cuda(const RasterizeBackwardArgs<float>& args, CudaStream stream);
 
 }  // namespace mipbake

@@ -102,13 +102,12 @@ void count_contributions_cpu(const std::int32_t* touched, std::int64_t pixels, s
 void fill_contributions_cpu(const std::int32_t* touched, std::int64_t pixels, std::int64_t most, std::int64_t* cursors,
                             std::int32_t* out);
 
-// Pointers are the device's, but for those of ElementChannels. Null, or the text of CUDA's error. No atomics: results
-// are the same from run to run. Defined where cuda_compiled().
-const char* perturb_cuda(const PerturbArgs<float>& args, int device, void* stream);
-const char* differences_cuda(const float* plus, const float* minus, const float* reference, const float* weights,
-                             std::int64_t pixels, std::int64_t channels, float* out, int device, void* stream);
-const char* gradient_cuda(const GradientArgs<float>& args, int device, void* stream);
-const char* adam_cuda(const AdamArgs<float>& args, int device, void* stream);
-const char* touched_cuda(const TouchedArgs& args, std::int32_t* texels, int device, void* stream);
+// No atomics: results are the same from run to run.
+void perturb_cuda(const PerturbArgs<float>& args, CudaStream stream);
+void differences_cuda(const float* plus, const float* minus, const float* reference, const float* weights,
+                      std::int64_t pixels, std::int64_t channels, float* out, CudaStream stream);
+void gradient_cuda(const GradientArgs<float>& args, CudaStream stream);
+void adam_cuda(const AdamArgs<float>& args, CudaStream stream);
+void touched_cuda(const TouchedArgs& args, std::int32_t* texels, CudaStream stream);
 
 }  // namespace mipbake

@@ -66,12 +66,8 @@ void antialias_as(const Input& color, const Input& rast, const Input& pos, const
     T* const target = static_cast<T*>(out.data());
     std::uint8_t* const scratch = workspace_of(workspace, args, color);
     launch<T>(
-        color, [&] { mipbake::antialias_cpu(args, target); },
-        [&](int device) {
-            if constexpr (sizeof(T) == sizeof(float))
-                return mipbake::antialias_cuda(args, target, scratch, device, reinterpret_cast<void*>(stream));
-            return static_cast<const char*>(nullptr);
-        });
+        color, stream, [&] { mipbake::antialias_cpu(args, target); },
+        [&](auto queue) { mipbake::antialias_cuda(args, target, scratch, queue); });
 }
 
 template <class T>
@@ -89,12 +85,8 @@ void backward_as(const Input& color, const Input& rast, const Input& pos, const 
                                            data<T>(grad_pos)};
     std::uint8_t* const scratch = workspace_of(workspace, args, color);
     launch<T>(
-        color, [&] { mipbake::antialias_backward_cpu(args, grads); },
-        [&](int device) {
-            if constexpr (sizeof(T) == sizeof(float))
-                return mipbake::antialias_backward_cuda(args, grads, scratch, device, reinterpret_cast<void*>(stream));
-            return static_cast<const char*>(nullptr);
-        });
+        color, stream, [&] { mipbake::antialias_backward_cpu(args, grads); },
+        [&](auto queue) { mipbake::antialias_backward_cuda(args, grads, scratch, queue); });
 }
 
 void antialias(const Input& color, const Input& rast, const Input& pos, const Input& tri, const Input& next,

@@ -10,6 +10,8 @@
 #include <stdexcept>
 #include <string>
 
+#include "ops.h"
+
 namespace nb = nanobind;
 
 namespace mipbake {
@@ -39,22 +41,26 @@ auto data(const std::optional<Array>& a) {
     return a ? static_cast<T*>(a->data()) : nullptr;
 }
 
-// Calls on_cpu() or on_cuda(device) without Python's lock.
+// Calls on_cpu(), or on_cuda(stream) for arrays of CUDA, without Python's lock. CUDA's kernels are for float alone, so
+// that on_cuda must be generic where T may be double.
 template <class T, class Cpu, class Cuda>
-void launch(const Input& like, Cpu&& on_cpu, Cuda&& on_cuda) {
+void launch(const Input& like, std::uintptr_t stream, Cpu&& on_cpu, Cuda&& on_cuda) {
     const bool on_gpu = like.device_type() == nb::device::cuda::value;
-    const int device = like.device_id();
+    [[maybe_unused]] const CudaStream queue{like.device_id(), stream};
+    static_cast<void>(on_cuda);
     const nb::gil_scoped_release unlocked;
     if (!on_gpu) return on_cpu();
 #ifdef MIPBAKE_CUDA
-    if constexpr (sizeof(T) == sizeof(float)) {
-        if (const char* const error = on_cuda(device)) throw std::runtime_error(std::string("CUDA: ") + error);
-        return;
-    }
+    if constexpr (sizeof(T) == sizeof(float)) return on_cuda(queue);
 #endif
-    static_cast<void>(device);
-    static_cast<void>(on_cuda);
     throw std::invalid_argument("no CUDA kernel for this dtype in this build");
+}
+
+// The same for a type that is known when the program runs.
+template <class Cpu, class Cuda>
+void launch(bool is_double, const Input& like, std::uintptr_t stream, Cpu&& on_cpu, Cuda&& on_cuda) {
+    if (is_double) return launch<double>(like, stream, on_cpu, on_cuda);
+    launch<float>(like, stream, on_cpu, on_cuda);
 }
 
 }  // namespace bind

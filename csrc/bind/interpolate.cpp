@@ -65,12 +65,8 @@ void interpolate_as(const Input& attr, const Input& rast, const Input& tri, cons
     T* const values = static_cast<T*>(out.data());
     T* const derivatives = data<T>(out_da);
     launch<T>(
-        rast, [&] { mipbake::interpolate_cpu(args, values, derivatives); },
-        [&](int device) {
-            if constexpr (sizeof(T) == sizeof(float))
-                return mipbake::interpolate_cuda(args, values, derivatives, device, reinterpret_cast<void*>(stream));
-            return static_cast<const char*>(nullptr);
-        });
+        rast, stream, [&] { mipbake::interpolate_cpu(args, values, derivatives); },
+        [&](auto queue) { mipbake::interpolate_cuda(args, values, derivatives, queue); });
 }
 
 template <class T>
@@ -92,12 +88,8 @@ void backward_as(const Input& attr, const Input& rast, const Input& tri, const s
     const mipbake::InterpolateGrads<T> grads{static_cast<const T*>(grad_out.data()), data<const T>(grad_da),
                                              data<T>(grad_attr), data<T>(grad_rast), data<T>(grad_db)};
     launch<T>(
-        rast, [&] { mipbake::interpolate_backward_cpu(args, grads); },
-        [&](int device) {
-            if constexpr (sizeof(T) == sizeof(float))
-                return mipbake::interpolate_backward_cuda(args, grads, device, reinterpret_cast<void*>(stream));
-            return static_cast<const char*>(nullptr);
-        });
+        rast, stream, [&] { mipbake::interpolate_backward_cpu(args, grads); },
+        [&](auto queue) { mipbake::interpolate_backward_cuda(args, grads, queue); });
 }
 
 void interpolate(const Input& attr, const Input& rast, const Input& tri, const std::optional<Input>& rast_db,

@@ -3,45 +3,20 @@
 #include <nanobind/stl/optional.h>
 
 #include <cstdint>
-#include <initializer_list>
 #include <optional>
 #include <stdexcept>
-#include <string>
 
+#include "bind/arrays.h"
 #include "ops.h"
 
-namespace nb = nanobind;
+using namespace mipbake::bind;
 
 namespace {
 
-using Input = nb::ndarray<nb::ro>;
 using MaybeInput = std::optional<Input>;
-using Output = nb::ndarray<>;
 using MaybeOutput = std::optional<Output>;
-using Index = std::int64_t;
-
-constexpr int cuda_device = nb::device::cuda::value;
 
 Index size_of(const Input& array, std::size_t axis) { return static_cast<Index>(array.shape(axis)); }
-
-// The Python modules that call these functions check every argument; this catches a mistake of theirs, not a user's.
-template <class Array>
-void require(const Array& a, const char* name, nb::dlpack::dtype dtype, std::initializer_list<Index> shape) {
-    bool good = a.ndim() == shape.size() && a.dtype() == dtype;
-    Index contiguous = 1;
-    for (std::size_t i = shape.size(); good && i-- > 0;) {
-        const Index size = shape.begin()[i];
-        good = static_cast<Index>(a.shape(i)) == size && (size == 1 || a.size() == 0 || a.stride(i) == contiguous);
-        contiguous *= size;
-    }
-    if (!good) throw std::invalid_argument(std::string(name) + " has an unexpected shape, dtype or layout");
-}
-
-template <class A, class B>
-void require_together(const A& a, const B& b) {
-    if (a.device_type() != b.device_type() || a.device_id() != b.device_id())
-        throw std::invalid_argument("every array must be on the same device");
-}
 
 // What rasterize and its backward share; out is rast.
 template <class T, class Args, class Rast>
@@ -55,24 +30,14 @@ void mesh_arguments(Args& args, const Input& pos, const Input& tri, const Rast& 
     args.triangles = size_of(tri, 0);
     args.shared = pos.ndim() == 2;
     if (args.shared)
-        require(pos, "pos", nb::dtype<T>(), {args.vertices, 4});
+        require(pos, nb::dtype<T>(), pos, "pos", {args.vertices, 4});
     else
-        require(pos, "pos", nb::dtype<T>(), {args.batch, args.vertices, 4});
-    require(tri, "tri", nb::dtype<std::int32_t>(), {args.triangles, 3});
-    require(rast, "rast", nb::dtype<T>(), {args.batch, args.height, args.width, 4});
-    require_together(pos, tri);
-    require_together(pos, rast);
+        require(pos, nb::dtype<T>(), pos, "pos", {args.batch, args.vertices, 4});
+    require(tri, nb::dtype<std::int32_t>(), pos, "tri", {args.triangles, 3});
+    require(rast, nb::dtype<T>(), pos, "rast", {args.batch, args.height, args.width, 4});
     args.pos = static_cast<const T*>(pos.data());
     args.tri = static_cast<const std::int32_t*>(tri.data());
 }
-
-[[noreturn]] void no_kernel() { throw std::invalid_argument("no CUDA kernel for this dtype in this build"); }
-
-#ifdef MIPBAKE_CUDA
-void check_cuda(const char* status) {
-    if (status != nullptr) throw std::runtime_error(status);
-}
-#endif
 
 template <class T>
 void rasterize_as(const Input& pos, const Input& tri, const MaybeInput& ranges, const MaybeInput& previous,
@@ -82,37 +47,25 @@ void rasterize_as(const Input& pos, const Input& tri, const MaybeInput& ranges, 
     mesh_arguments<T>(args, pos, tri, rast);
     args.rast = static_cast<T*>(rast.data());
     if (ranges) {
-        require(*ranges, "ranges", nb::dtype<std::int32_t>(), {args.batch, 2});
+        require(*ranges, nb::dtype<std::int32_t>(), *ranges, "ranges", {args.batch, 2});
         args.ranges = static_cast<const std::int32_t*>(ranges->data());
     }
     if (previous) {
-        require(*previous, "previous", nb::dtype<T>(), {args.batch, args.height, args.width, 4});
-        require_together(pos, *previous);
+        require(*previous, nb::dtype<T>(), pos, "previous", {args.batch, args.height, args.width, 4});
         args.previous = static_cast<const T*>(previous->data());
     }
     if (rast_db) {
-        require(*rast_db, "rast_db", nb::dtype<T>(), {args.batch, args.height, args.width, 4});
-        require_together(pos, *rast_db);
+        require(*rast_db, nb::dtype<T>(), pos, "rast_db", {args.batch, args.height, args.width, 4});
         args.rast_db = static_cast<T*>(rast_db->data());
     }
-    if (pos.device_type() != cuda_device) {
-        const nb::gil_scoped_release unlocked;
-        return mipbake::rasterize_cpu(args, scratch);
-    }
-#ifdef MIPBAKE_CUDA
-    if constexpr (sizeof(T) == sizeof(float)) {
-        const Index bytes = mipbake::rasterize_workspace(args.batch, args.triangles, args.height, args.width);
-        if (!workspace) throw std::invalid_argument("rasterize needs a workspace on the GPU");
-        require(*workspace, "workspace", nb::dtype<std::uint8_t>(), {bytes});
-        require_together(pos, *workspace);
-        const int device = pos.device_id();
-        const nb::gil_scoped_release unlocked;
-        return check_cuda(mipbake::rasterize_cuda(args, workspace->data(), device, reinterpret_cast<void*>(stream)));
-    }
-#endif
-    static_cast<void>(workspace);
-    static_cast<void>(stream);
-    no_kernel();
+    launch<T>(
+        pos, stream, [&] { mipbake::rasterize_cpu(args, scratch); },
+        [&](auto queue) {
+            const Index bytes = mipbake::rasterize_workspace(args.batch, args.triangles, args.height, args.width);
+            if (!workspace) throw std::invalid_argument("rasterize needs a workspace on the GPU");
+            require(*workspace, nb::dtype<std::uint8_t>(), pos, "workspace", {bytes});
+            mipbake::rasterize_cuda(args, workspace->data(), queue);
+        });
 }
 
 void rasterize(const Input& pos, const Input& tri, const MaybeInput& ranges, const MaybeInput& previous,
@@ -128,33 +81,20 @@ void backward_as(const Input& pos, const Input& tri, const Input& rast, const In
     mipbake::RasterizeBackwardArgs<T> args{};
     mesh_arguments<T>(args, pos, tri, rast);
     args.rast = static_cast<const T*>(rast.data());
-    require(grad_rast, "grad_rast", nb::dtype<T>(), {args.batch, args.height, args.width, 4});
-    require_together(pos, grad_rast);
+    require(grad_rast, nb::dtype<T>(), pos, "grad_rast", {args.batch, args.height, args.width, 4});
     args.grad_rast = static_cast<const T*>(grad_rast.data());
     if (grad_db) {
-        require(*grad_db, "grad_db", nb::dtype<T>(), {args.batch, args.height, args.width, 4});
-        require_together(pos, *grad_db);
+        require(*grad_db, nb::dtype<T>(), pos, "grad_db", {args.batch, args.height, args.width, 4});
         args.grad_db = static_cast<const T*>(grad_db->data());
     }
     if (args.shared)
-        require(grad_pos, "grad_pos", nb::dtype<T>(), {args.vertices, 4});
+        require(grad_pos, nb::dtype<T>(), pos, "grad_pos", {args.vertices, 4});
     else
-        require(grad_pos, "grad_pos", nb::dtype<T>(), {args.batch, args.vertices, 4});
-    require_together(pos, grad_pos);
+        require(grad_pos, nb::dtype<T>(), pos, "grad_pos", {args.batch, args.vertices, 4});
     args.grad_pos = static_cast<T*>(grad_pos.data());
-    if (pos.device_type() != cuda_device) {
-        const nb::gil_scoped_release unlocked;
-        return mipbake::rasterize_backward_cpu(args);
-    }
-#ifdef MIPBAKE_CUDA
-    if constexpr (sizeof(T) == sizeof(float)) {
-        const int device = pos.device_id();
-        const nb::gil_scoped_release unlocked;
-        return check_cuda(mipbake::rasterize_backward_cuda(args, device, reinterpret_cast<void*>(stream)));
-    }
-#endif
-    static_cast<void>(stream);
-    no_kernel();
+    launch<T>(
+        pos, stream, [&] { mipbake::rasterize_backward_cpu(args); },
+        [&](auto queue) { mipbake::rasterize_backward_cuda(args, queue); });
 }
 
 void rasterize_backward(const Input& pos, const Input& tri, const Input& rast, const Input& grad_rast,
@@ -171,12 +111,12 @@ void check_mesh_as(const MaybeInput& pos, const MaybeInput& tri, Index vertices,
     const Index batch = ranges && ranges->ndim() == 2 ? size_of(*ranges, 0) : 0;
     if (pos) {
         if (instanced)
-            require(*pos, "pos", nb::dtype<T>(), {items, vertices, 4});
+            require(*pos, nb::dtype<T>(), *pos, "pos", {items, vertices, 4});
         else
-            require(*pos, "pos", nb::dtype<T>(), {vertices, 4});
+            require(*pos, nb::dtype<T>(), *pos, "pos", {vertices, 4});
     }
-    if (tri) require(*tri, "tri", nb::dtype<std::int32_t>(), {triangles, 3});
-    if (ranges) require(*ranges, "ranges", nb::dtype<std::int32_t>(), {batch, 2});
+    if (tri) require(*tri, nb::dtype<std::int32_t>(), *tri, "tri", {triangles, 3});
+    if (ranges) require(*ranges, nb::dtype<std::int32_t>(), *ranges, "ranges", {batch, 2});
     const auto* const p = pos ? static_cast<const T*>(pos->data()) : nullptr;
     const auto* const t = tri ? static_cast<const std::int32_t*>(tri->data()) : nullptr;
     const auto* const r = ranges ? static_cast<const std::int32_t*>(ranges->data()) : nullptr;
@@ -194,7 +134,7 @@ Index workspace_bytes(Index batch, Index triangles, int height, int width) {
     return mipbake::rasterize_workspace(batch, triangles, height, width);
 #else
     static_cast<void>(batch + triangles + height + width);
-    no_kernel();
+    throw std::invalid_argument("no CUDA kernels in this build");
 #endif
 }
 

@@ -10,14 +10,12 @@
 #include <utility>
 #include <vector>
 
+#include "bind/arrays.h"
 #include "ops.h"
-
-namespace nb = nanobind;
 
 namespace {
 
-using Input = nb::ndarray<nb::ro>;
-using Output = nb::ndarray<>;
+using mipbake::bind::Input, mipbake::bind::Output, mipbake::bind::launch;
 
 // (B, K, 3), or (B, K, N, 3) where texels have directions of their own.
 mipbake::StridedDirections directions(const Input& a) {
@@ -80,26 +78,14 @@ mipbake::ShadeArgs arguments(const std::string& model, const Input& material, co
             black};
 }
 
-// Whether the arrays are on the GPU; throws where this build has no kernels for the device they are on.
-bool on_gpu(const Input& a) {
-    if (a.device_type() == nb::device::cpu::value) return false;
-    if (a.device_type() == nb::device::cuda::value && mipbake::cuda_compiled()) return true;
-    throw nb::value_error("arrays on a device that this build has no kernels for");
-}
-
 void shade(const std::string& model, const Input& material, const Input& light, const Input& view,
            const Output& radiance, std::uintptr_t stream, bool black) {
     const mipbake::ShadeArgs args = arguments(model, material, light, view, black);
     require(radiance, material, "radiance", {material.shape(0), light.shape(1), material.shape(1), 3}, true);
     void* const out = radiance.data();
-    const bool gpu = on_gpu(material);
-    const int device = material.device_id();
-    const nb::gil_scoped_release release;
-    if (gpu) {
-        mipbake::shade_cuda(args, out, device, stream);
-    } else {
-        mipbake::shade_cpu(args, out);
-    }
+    launch(
+        args.is_double, material, stream, [&] { mipbake::shade_cpu(args, out); },
+        [&](auto queue) { mipbake::shade_cuda(args, out, queue); });
 }
 
 void shade_backward(const std::string& model, const Input& material, const Input& light, const Input& view,
@@ -111,15 +97,11 @@ void shade_backward(const std::string& model, const Input& material, const Input
     require(grad_material, material, "grad_material", {B, N, C}, true);
     const void* const in = grad_radiance.data();
     void* const out = grad_material.data();
-    const bool gpu = on_gpu(material);
-    const int device = material.device_id();
-    if (duals && (gpu || args.per_texel())) throw nb::value_error("duals are for the CPU and for shared directions");
-    const nb::gil_scoped_release release;
-    if (gpu) {
-        mipbake::shade_backward_cuda(args, in, out, device, stream);
-    } else {
-        mipbake::shade_backward_cpu(args, in, out, duals);
-    }
+    if (duals && (material.device_type() != nb::device::cpu::value || args.per_texel()))
+        throw nb::value_error("duals are for the CPU and for shared directions");
+    launch(
+        args.is_double, material, stream, [&] { mipbake::shade_backward_cpu(args, in, out, duals); },
+        [&](auto queue) { mipbake::shade_backward_cuda(args, in, out, queue); });
 }
 
 void shade_lit(const std::string& model, const Input& material, const Input& frame, const Input& view,

@@ -74,12 +74,7 @@ void perturb_as(const Input& values, const std::optional<Input>& elements, const
                                        static_cast<T*>(plus.data()),
                                        static_cast<T*>(minus.data())};
     launch<T>(
-        values, [&] { mipbake::perturb_cpu(args); },
-        [&](int device) {
-            if constexpr (sizeof(T) == sizeof(float))
-                return mipbake::perturb_cuda(args, device, reinterpret_cast<void*>(stream));
-            return static_cast<const char*>(nullptr);
-        });
+        values, stream, [&] { mipbake::perturb_cpu(args); }, [&](auto queue) { mipbake::perturb_cuda(args, queue); });
 }
 
 template <class T>
@@ -92,13 +87,11 @@ void differences_as(const Input& plus, const Input& minus, const Input& referenc
     const auto read = [](const Input& a) { return static_cast<const T*>(a.data()); };
     T* const to = static_cast<T*>(out.data());
     launch<T>(
-        plus,
+        plus, stream,
         [&] { mipbake::differences_cpu(read(plus), read(minus), read(reference), data<const T>(weights), n, c, to); },
-        [&](int device) {
-            if constexpr (sizeof(T) == sizeof(float))
-                return mipbake::differences_cuda(read(plus), read(minus), read(reference), data<const T>(weights), n, c,
-                                                 to, device, reinterpret_cast<void*>(stream));
-            return static_cast<const char*>(nullptr);
+        [&](auto queue) {
+            mipbake::differences_cuda(read(plus), read(minus), read(reference), data<const T>(weights), n, c, to,
+                                      queue);
         });
 }
 
@@ -121,12 +114,8 @@ void gradient_as(const Input& differences, const Input& elements, const Input& s
                                         key,
                                         static_cast<T*>(gradient.data())};
     launch<T>(
-        differences, [&] { mipbake::gradient_cpu(args); },
-        [&](int device) {
-            if constexpr (sizeof(T) == sizeof(float))
-                return mipbake::gradient_cuda(args, device, reinterpret_cast<void*>(stream));
-            return static_cast<const char*>(nullptr);
-        });
+        differences, stream, [&] { mipbake::gradient_cpu(args); },
+        [&](auto queue) { mipbake::gradient_cuda(args, queue); });
 }
 
 template <class T>
@@ -151,13 +140,7 @@ void adam_as(const Output& values, const Output& gradient, const Output& first, 
                                     static_cast<T>(beta1),
                                     static_cast<T>(beta2),
                                     static_cast<T>(epsilon)};
-    launch<T>(
-        like, [&] { mipbake::adam_cpu(args); },
-        [&](int device) {
-            if constexpr (sizeof(T) == sizeof(float))
-                return mipbake::adam_cuda(args, device, reinterpret_cast<void*>(stream));
-            return static_cast<const char*>(nullptr);
-        });
+    launch<T>(like, stream, [&] { mipbake::adam_cpu(args); }, [&](auto queue) { mipbake::adam_cuda(args, queue); });
 }
 
 template <class F, class D>
@@ -231,8 +214,8 @@ void touched(const std::vector<std::pair<int, int>>& sizes, const Input& uv, con
     require(texels, nb::dtype<std::int32_t>(), uv, "texels", {n, args.most});
     auto* const to = static_cast<std::int32_t*>(texels.data());
     launch<float>(
-        uv, [&] { mipbake::touched_cpu(args, to); },
-        [&](int device) { return mipbake::touched_cuda(args, to, device, reinterpret_cast<void*>(stream)); });
+        uv, stream, [&] { mipbake::touched_cpu(args, to); },
+        [&](auto queue) { mipbake::touched_cuda(args, to, queue); });
 }
 
 // What names elements from 0 to count - 1, or none.

@@ -9,28 +9,18 @@
 #include <stdexcept>
 #include <string>
 
+#include "bind/arrays.h"
 #include "ops.h"
-
-namespace nb = nanobind;
 
 namespace {
 
-using Input = nb::ndarray<nb::ro>;
-using Output = nb::ndarray<>;
+using mipbake::bind::Index, mipbake::bind::Input, mipbake::bind::Output, mipbake::bind::launch;
 using MaybeInput = std::optional<Input>;
 using MaybeOutput = std::optional<Output>;
-using Index = std::int64_t;
-
-constexpr int cuda_device = nb::device::cuda::value;
 
 // The Python modules that call these functions check every argument; this catches a mistake of theirs, not a user's.
 void require(bool condition, const char* what) {
     if (!condition) throw std::invalid_argument(what);
-}
-
-// Raises what CUDA reports; `status` is null where all is well.
-[[maybe_unused]] void check_cuda(const char* status) {
-    if (status != nullptr) throw std::runtime_error(status);
 }
 
 Index size_of(const Input& array, int axis) { return static_cast<Index>(array.shape(axis)); }
@@ -166,23 +156,14 @@ mipbake::TextureArgs<T> arguments(const Lookup& lookup, Index batch) {
     return args;
 }
 
-[[noreturn]] void no_cuda() { throw std::invalid_argument("no CUDA kernel for this dtype in this build"); }
-
 template <class T>
 void texture_as(const Lookup& lookup, const Output& out, std::uintptr_t stream) {
     const mipbake::TextureArgs<T> args = arguments<T>(lookup, static_cast<Index>(out.shape(0)));
     T* const target = write<T>(out, args.batch * args.points * args.channels);
     require(out.device_type() == lookup.uv.device_type(), "every array must be on the same device");
-    const bool on_cuda = out.device_type() == cuda_device;
-    [[maybe_unused]] const int device = out.device_id();
-    static_cast<void>(stream);
-    const nb::gil_scoped_release unlocked;
-    if (!on_cuda) return mipbake::texture_cpu(args, target);
-#ifdef MIPBAKE_CUDA
-    if constexpr (sizeof(T) == sizeof(float))
-        return check_cuda(mipbake::texture_cuda(args, target, device, reinterpret_cast<void*>(stream)));
-#endif
-    no_cuda();
+    launch<T>(
+        lookup.uv, stream, [&] { mipbake::texture_cpu(args, target); },
+        [&](auto queue) { mipbake::texture_cuda(args, target, queue); });
 }
 
 void texture(const nb::list& levels, const Input& uv, const MaybeInput& uv_da, const MaybeInput& bias,
@@ -224,16 +205,9 @@ void backward_as(const Input& grad, const Lookup& lookup, const Wanted& wanted, 
     if (wanted.uv_da) grads.uv_da = write<T>(*wanted.uv_da, lookups * (is_cube ? 6 : 4));
     if (wanted.bias) grads.bias = write<T>(*wanted.bias, lookups);
     require(grad.device_type() == lookup.uv.device_type(), "every array must be on the same device");
-    const bool on_cuda = grad.device_type() == cuda_device;
-    [[maybe_unused]] const int device = grad.device_id();
-    static_cast<void>(stream);
-    const nb::gil_scoped_release unlocked;
-    if (!on_cuda) return mipbake::texture_backward_cpu(args, grads);
-#ifdef MIPBAKE_CUDA
-    if constexpr (sizeof(T) == sizeof(float))
-        return check_cuda(mipbake::texture_backward_cuda(args, grads, device, reinterpret_cast<void*>(stream)));
-#endif
-    no_cuda();
+    launch<T>(
+        grad, stream, [&] { mipbake::texture_backward_cpu(args, grads); },
+        [&](auto queue) { mipbake::texture_backward_cuda(args, grads, queue); });
 }
 
 void texture_backward(const Input& grad, const nb::list& levels, const Input& uv, const MaybeInput& uv_da,
@@ -317,16 +291,10 @@ void texture_mip(const Input& level, const Output& out, std::uintptr_t stream) {
     const mipbake::Storage storage = storage_of(level.dtype());
     const void* const from = level.data();
     void* const to = out.data();
-    const bool on_cuda = out.device_type() == cuda_device;
-    [[maybe_unused]] const int device = out.device_id();
-    static_cast<void>(stream);
-    const nb::gil_scoped_release unlocked;
-    if (!on_cuda) return mipbake::texture_mip_cpu(shape, storage, from, to);
-#ifdef MIPBAKE_CUDA
-    if (storage != mipbake::Storage::float64)
-        return check_cuda(mipbake::texture_mip_cuda(shape, storage, from, to, device, reinterpret_cast<void*>(stream)));
-#endif
-    no_cuda();
+    launch(
+        storage == mipbake::Storage::float64, level, stream,
+        [&] { mipbake::texture_mip_cpu(shape, storage, from, to); },
+        [&](auto queue) { mipbake::texture_mip_cuda(shape, storage, from, to, queue); });
 }
 
 template <class T>
@@ -334,16 +302,9 @@ void mip_backward_as(const Input& grad_out, const Output& grad, std::uintptr_t s
     const mipbake::MipShape shape = mip_shape(grad, grad_out);
     const T* const from = read<T>(grad_out);
     T* const to = static_cast<T*>(grad.data());
-    const bool on_cuda = grad.device_type() == cuda_device;
-    [[maybe_unused]] const int device = grad.device_id();
-    static_cast<void>(stream);
-    const nb::gil_scoped_release unlocked;
-    if (!on_cuda) return mipbake::texture_mip_backward_cpu(shape, from, to);
-#ifdef MIPBAKE_CUDA
-    if constexpr (sizeof(T) == sizeof(float))
-        return check_cuda(mipbake::texture_mip_backward_cuda(shape, from, to, device, reinterpret_cast<void*>(stream)));
-#endif
-    no_cuda();
+    launch<T>(
+        grad_out, stream, [&] { mipbake::texture_mip_backward_cpu(shape, from, to); },
+        [&](auto queue) { mipbake::texture_mip_backward_cuda(shape, from, to, queue); });
 }
 
 void texture_mip_backward(const Input& grad_out, const Output& grad, std::uintptr_t stream) {

@@ -1,20 +1,18 @@
 // One thread per triangle for the silhouettes, then one per pixel, which looks at its four neighbours: colours and
 // their gradients are the same bits in every run. Gradients of positions are added with atomics: their last digits
 // vary.
-#include <cuda_runtime.h>
-
-#include <algorithm>
-
-#include "ops.h"
+#include "cuda/launch.h"
 #include "raster/silhouette.h"
 #include "raster/triangle_id.h"
 
 namespace mipbake {
 namespace {
 
-using Index = std::int64_t;
+using namespace cuda;
 
-constexpr unsigned block_width = 32, block_height = 8, most_items = 65535, threads_per_group = 256;
+__host__ __device__ Index pos_items(const AntialiasArgs<float>& args) {
+    return args.pos_batch_stride == 0 ? 1 : args.batch;
+}
 
 __device__ bool exists(const AntialiasArgs<float>& args, const std::int32_t* v) {
     for (int k = 0; k < 3; ++k)
@@ -24,17 +22,15 @@ __device__ bool exists(const AntialiasArgs<float>& args, const std::int32_t* v) 
 
 // silhouettes: (1 or batch, triangles), a byte each; see silhouette_edges.
 __global__ void silhouette_kernel(const __grid_constant__ AntialiasArgs<float> args, std::uint8_t* silhouettes) {
-    const Index triangle = Index(blockIdx.x) * blockDim.x + threadIdx.x;
-    if (triangle >= args.triangles) return;
-    const Index items = args.pos_batch_stride == 0 ? 1 : args.batch;
-    for (Index item = blockIdx.z; item < items; item += gridDim.z) {
+    for_each(pos_items(args) * args.triangles, [&](Index i) {
+        const Index item = i / args.triangles;
         const float* const pos = args.pos + item * args.pos_batch_stride;
-        const int edges = silhouette_edges(triangle, args.tri, args.next, [&](Index other) {
+        const int edges = silhouette_edges(i - item * args.triangles, args.tri, args.next, [&](Index other) {
             const std::int32_t* const v = args.tri + 3 * other;
             return exists(args, v) ? facing(pos, v) : 0;
         });
-        silhouettes[item * args.triangles + triangle] = static_cast<std::uint8_t>(edges);
-    }
+        silhouettes[i] = static_cast<std::uint8_t>(edges);
+    });
 }
 
 // Two neighbouring pixels, and where a silhouette edge passes between them.
@@ -91,18 +87,9 @@ __device__ void for_each_blend(const AntialiasArgs<float>& args, const std::uint
     }
 }
 
-template <class F>
-__device__ void for_each_pixel(const AntialiasArgs<float>& args, F&& f) {
-    const int x = static_cast<int>(blockIdx.x * blockDim.x + threadIdx.x);
-    const int y = static_cast<int>(blockIdx.y * blockDim.y + threadIdx.y);
-    if (x >= args.width || y >= args.height) return;
-    for (Index item = blockIdx.z; item < args.batch; item += gridDim.z)
-        f(item, y, x, (item * args.height + y) * args.width + x);
-}
-
 __global__ void forward_kernel(const __grid_constant__ AntialiasArgs<float> args, const std::uint8_t* silhouettes,
                                float* out) {
-    for_each_pixel(args, [&](Index item, int y, int x, Index pixel) {
+    for_each_pixel(args.batch, args.height, args.width, [&](Index item, int y, int x, Index pixel) {
         const float* const own = args.color + pixel * args.channels;
         float* const target = out + pixel * args.channels;
         for (int c = 0; c < args.channels; ++c) target[c] = own[c];
@@ -123,7 +110,7 @@ __device__ void add_end(float* target, const double (&gradient)[3]) {
 
 __global__ void backward_kernel(const __grid_constant__ AntialiasArgs<float> args,
                                 const __grid_constant__ AntialiasGrads<float> grads, const std::uint8_t* silhouettes) {
-    for_each_pixel(args, [&](Index item, int y, int x, Index pixel) {
+    for_each_pixel(args.batch, args.height, args.width, [&](Index item, int y, int x, Index pixel) {
         float* const target = grads.color + pixel * args.channels;
         if (grads.color != nullptr)
             for (int c = 0; c < args.channels; ++c) target[c] = grads.out[pixel * args.channels + c];
@@ -150,54 +137,20 @@ __global__ void backward_kernel(const __grid_constant__ AntialiasArgs<float> arg
     });
 }
 
-const char* text_of(cudaError_t status) { return status == cudaSuccess ? nullptr : cudaGetErrorString(status); }
-
-dim3 grid_of(const AntialiasArgs<float>& args) {
-    return {(static_cast<unsigned>(args.width) + block_width - 1) / block_width,
-            (static_cast<unsigned>(args.height) + block_height - 1) / block_height,
-            static_cast<unsigned>(std::min<Index>(args.batch, most_items))};
-}
-
-Index pos_items(const AntialiasArgs<float>& args) { return args.pos_batch_stride == 0 ? 1 : args.batch; }
-
-cudaError_t find_silhouettes(const AntialiasArgs<float>& args, std::uint8_t* silhouettes, cudaStream_t queue) {
-    if (args.triangles == 0) return cudaSuccess;
-    const dim3 grid(static_cast<unsigned>((args.triangles + threads_per_group - 1) / threads_per_group), 1,
-                    static_cast<unsigned>(std::min<Index>(pos_items(args), most_items)));
-    silhouette_kernel<<<grid, threads_per_group, 0, queue>>>(args, silhouettes);
-    return cudaGetLastError();
-}
-
-bool is_empty(const AntialiasArgs<float>& args) { return args.batch == 0 || args.height == 0 || args.width == 0; }
-
 }  // namespace
 
-const char* antialias_cuda(const AntialiasArgs<float>& args, float* out, std::uint8_t* workspace, int device,
-                           void* stream) {
-    // The module links a CUDA runtime of its own, which has its own idea of the current device.
-    if (const cudaError_t status = cudaSetDevice(device); status != cudaSuccess) return text_of(status);
-    if (is_empty(args)) return nullptr;
-    const cudaStream_t queue = static_cast<cudaStream_t>(stream);
-    if (const cudaError_t status = find_silhouettes(args, workspace, queue); status != cudaSuccess)
-        return text_of(status);
-    forward_kernel<<<grid_of(args), dim3(block_width, block_height), 0, queue>>>(args, workspace, out);
-    return text_of(cudaGetLastError());
+void antialias_cuda(const AntialiasArgs<float>& args, float* out, std::uint8_t* workspace, CudaStream stream) {
+    const Queue queue(stream);
+    queue.run_each(pos_items(args) * args.triangles, silhouette_kernel, args, workspace);
+    queue.run_pixels(args.batch, args.height, args.width, forward_kernel, args, workspace, out);
 }
 
-const char* antialias_backward_cuda(const AntialiasArgs<float>& args, const AntialiasGrads<float>& grads,
-                                    std::uint8_t* workspace, int device, void* stream) {
-    if (const cudaError_t status = cudaSetDevice(device); status != cudaSuccess) return text_of(status);
-    const cudaStream_t queue = static_cast<cudaStream_t>(stream);
-    if (grads.pos != nullptr) {
-        const std::size_t bytes = static_cast<std::size_t>(pos_items(args) * args.vertices * 4) * sizeof(float);
-        const cudaError_t status = cudaMemsetAsync(grads.pos, 0, bytes, queue);
-        if (status != cudaSuccess) return text_of(status);
-    }
-    if (is_empty(args)) return nullptr;
-    if (const cudaError_t status = find_silhouettes(args, workspace, queue); status != cudaSuccess)
-        return text_of(status);
-    backward_kernel<<<grid_of(args), dim3(block_width, block_height), 0, queue>>>(args, grads, workspace);
-    return text_of(cudaGetLastError());
+void antialias_backward_cuda(const AntialiasArgs<float>& args, const AntialiasGrads<float>& grads,
+                             std::uint8_t* workspace, CudaStream stream) {
+    const Queue queue(stream);
+    if (grads.pos != nullptr) queue.fill(grads.pos, pos_items(args) * args.vertices * 4);
+    queue.run_each(pos_items(args) * args.triangles, silhouette_kernel, args, workspace);
+    queue.run_pixels(args.batch, args.height, args.width, backward_kernel, args, grads, workspace);
 }
 
 }  // namespace mipbake

@@ -1,18 +1,12 @@
 // One thread per pixel. Gradients of vertices are added with atomics: their order, and so their last digits, vary.
-#include <cuda_runtime.h>
-
-#include <algorithm>
-
-#include "ops.h"
+#include "cuda/launch.h"
 #include "raster/interpolate.h"
 #include "raster/triangle_id.h"
 
 namespace mipbake {
 namespace {
 
-using Index = std::int64_t;
-
-constexpr unsigned block_width = 32, block_height = 8, most_items = 65535;
+using namespace cuda;
 
 // The listed channels of one launch; more channels take further launches.
 struct Slice {
@@ -31,16 +25,6 @@ Slice slice(const InterpolateArgs<float>& args, int begin) {
 
 __device__ Listed list_of(const Slice& slice) { return {slice.channels, slice.count}; }
 
-// Calls f(item, pixel of the batch) for the pixels of this thread.
-template <class T, class F>
-__device__ void for_each_pixel(const InterpolateArgs<T>& args, F&& f) {
-    const int x = static_cast<int>(blockIdx.x * blockDim.x + threadIdx.x);
-    const int y = static_cast<int>(blockIdx.y * blockDim.y + threadIdx.y);
-    if (x >= args.width || y >= args.height) return;
-    for (Index item = blockIdx.z; item < args.batch; item += gridDim.z)
-        f(item, (item * args.height + y) * args.width + x);
-}
-
 __device__ bool find_corners(const InterpolateArgs<float>& args, Index item, std::int32_t triangle, Corners<float>& a,
                              Index (&vertices)[3]) {
     if (triangle < 0) return false;
@@ -56,7 +40,7 @@ __device__ bool find_corners(const InterpolateArgs<float>& args, Index item, std
 
 __global__ void forward_kernel(const __grid_constant__ InterpolateArgs<float> args,
                                const __grid_constant__ Slice listed, float* out, float* out_da) {
-    for_each_pixel(args, [&](Index item, Index p) {
+    for_each_pixel(args.batch, args.height, args.width, [&](Index item, int, int, Index p) {
         const float* const pixel = args.rast + 4 * p;
         bool valid = true;
         Corners<float> corners;
@@ -80,9 +64,9 @@ __global__ void forward_kernel(const __grid_constant__ InterpolateArgs<float> ar
 }
 
 __global__ void backward_kernel(const __grid_constant__ InterpolateArgs<float> args,
-                                const __grid_constant__ InterpolateGrads<float> grads,
-                                const __grid_constant__ Slice listed) {
-    for_each_pixel(args, [&](Index item, Index p) {
+                                const __grid_constant__ Slice listed,
+                                const __grid_constant__ InterpolateGrads<float> grads) {
+    for_each_pixel(args.batch, args.height, args.width, [&](Index item, int, int, Index p) {
         const float* const pixel = args.rast + 4 * p;
         const float* const grad = grads.out + p * args.channels;
         bool valid = true;
@@ -117,49 +101,25 @@ __global__ void backward_kernel(const __grid_constant__ InterpolateArgs<float> a
     });
 }
 
-const char* text_of(cudaError_t status) { return status == cudaSuccess ? nullptr : cudaGetErrorString(status); }
-
-dim3 grid_of(const InterpolateArgs<float>& args) {
-    return {(static_cast<unsigned>(args.width) + block_width - 1) / block_width,
-            (static_cast<unsigned>(args.height) + block_height - 1) / block_height,
-            static_cast<unsigned>(std::min<Index>(args.batch, most_items))};
-}
-
-// Calls launch(listed) for every slice of the listed channels, once where there are none.
-template <class Launch>
-const char* for_each_slice(const InterpolateArgs<float>& args, Launch&& launch) {
-    if (args.batch == 0 || args.height == 0 || args.width == 0) return nullptr;
-    for (int begin = 0; begin == 0 || begin < args.listed_count; begin += Slice::most) {
-        launch(slice(args, begin));
-        if (const cudaError_t status = cudaGetLastError(); status != cudaSuccess) return text_of(status);
-    }
-    return nullptr;
+// Runs a kernel for every slice of the listed channels, once where there are none.
+template <class Kernel, class... Arguments>
+void run_slices(const Queue& queue, const InterpolateArgs<float>& args, Kernel kernel, const Arguments&... arguments) {
+    for (int begin = 0; begin == 0 || begin < args.listed_count; begin += Slice::most)
+        queue.run_pixels(args.batch, args.height, args.width, kernel, args, slice(args, begin), arguments...);
 }
 
 }  // namespace
 
-const char* interpolate_cuda(const InterpolateArgs<float>& args, float* out, float* out_da, int device, void* stream) {
-    // The module links a CUDA runtime of its own, which has its own idea of the current device.
-    if (const cudaError_t status = cudaSetDevice(device); status != cudaSuccess) return text_of(status);
-    return for_each_slice(args, [&](const Slice& listed) {
-        forward_kernel<<<grid_of(args), dim3(block_width, block_height), 0, static_cast<cudaStream_t>(stream)>>>(
-            args, listed, out, out_da);
-    });
+void interpolate_cuda(const InterpolateArgs<float>& args, float* out, float* out_da, CudaStream stream) {
+    run_slices(Queue(stream), args, forward_kernel, out, out_da);
 }
 
-const char* interpolate_backward_cuda(const InterpolateArgs<float>& args, const InterpolateGrads<float>& grads,
-                                      int device, void* stream) {
-    if (const cudaError_t status = cudaSetDevice(device); status != cudaSuccess) return text_of(status);
-    const cudaStream_t queue = static_cast<cudaStream_t>(stream);
-    if (grads.attr != nullptr) {
-        const Index items = args.attr_batch_stride == 0 ? 1 : args.batch;
-        const std::size_t bytes = static_cast<std::size_t>(items * args.vertices * args.channels) * sizeof(float);
-        const cudaError_t status = cudaMemsetAsync(grads.attr, 0, bytes, queue);
-        if (status != cudaSuccess) return text_of(status);
-    }
-    return for_each_slice(args, [&](const Slice& listed) {
-        backward_kernel<<<grid_of(args), dim3(block_width, block_height), 0, queue>>>(args, grads, listed);
-    });
+void interpolate_backward_cuda(const InterpolateArgs<float>& args, const InterpolateGrads<float>& grads,
+                               CudaStream stream) {
+    const Queue queue(stream);
+    const Index items = args.attr_batch_stride == 0 ? 1 : args.batch;
+    if (grads.attr != nullptr) queue.fill(grads.attr, items * args.vertices * args.channels);
+    run_slices(queue, args, backward_kernel, grads);
 }
 
 }  // namespace mipbake

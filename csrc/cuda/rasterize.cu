@@ -2,11 +2,7 @@
 // nearest wins, and among equals the lower triangle, in any order of arrival. A thread draws a small triangle; large
 // ones are queued and drawn by many blocks. A last kernel turns keys into barycentrics. The same headers make the same
 // decisions on the CPU.
-#include <cuda_runtime.h>
-
-#include <algorithm>
-
-#include "ops.h"
+#include "cuda/launch.h"
 #include "raster/barycentric.h"
 #include "raster/box.h"
 #include "raster/triangle_id.h"
@@ -14,10 +10,9 @@
 namespace mipbake {
 namespace {
 
-using Index = std::int64_t;
+using namespace cuda;
 using Key = unsigned long long;
 
-constexpr unsigned threads_per_block = 256;
 constexpr int most_pixels_of_thread = 64;  // in the box of a triangle that one thread draws
 constexpr int queue_blocks = 512, queue_slices = 8;
 constexpr int tile_side = 16, tile_pixels = tile_side * tile_side;  // that a block draws at once
@@ -34,8 +29,8 @@ Index queue_size(Index batch, Index triangles) { return std::max<Index>(1, std::
 struct Workspace {
     Key* keys;
     Queued* queue;
-    unsigned* queued;
-    unsigned capacity;
+    Key* queued;
+    Key capacity;
 };
 
 // The triangles of the items [first, first + items) of the batch: of each, from `starts` on, as many as there are
@@ -95,11 +90,9 @@ __device__ void draw_pixel(const RasterizeArgs<float>& args, const Workspace& wo
     if (key < workspace.keys[pixel]) atomicMin(workspace.keys + pixel, key);
 }
 
-__global__ void __launch_bounds__(threads_per_block)
-    draw_kernel(const __grid_constant__ RasterizeArgs<float> args, const __grid_constant__ Workspace workspace,
-                const __grid_constant__ Items items) {
-    const Index i = Index(blockIdx.x) * blockDim.x + threadIdx.x;
-    if (i >= items.total) return;
+// Draws triangle i of the launch, or queues it.
+__device__ void draw_triangle(const RasterizeArgs<float>& args, const Workspace& workspace, const Items& items,
+                              Index i) {
     Index item, triangle;
     if (items.each > 0) {
         item = i / items.each;
@@ -118,7 +111,7 @@ __global__ void __launch_bounds__(threads_per_block)
     const PixelBox box = load_box(pos, args.tri, triangle, args.vertices, args.width, args.height);
     if (box.x1 < box.x0) return;
     if ((box.x1 - box.x0 + 1) * (box.y1 - box.y0 + 1) > most_pixels_of_thread) {
-        const unsigned place = atomicAdd(workspace.queued, 1u);
+        const Key place = atomicAdd(workspace.queued, Key(1));
         if (place < workspace.capacity) {
             workspace.queue[place] = {static_cast<std::int32_t>(item), static_cast<std::int32_t>(triangle)};
             return;
@@ -133,6 +126,12 @@ __global__ void __launch_bounds__(threads_per_block)
             draw_pixel(args, workspace, t, item, static_cast<std::int32_t>(triangle), x, y);
 }
 
+__global__ void __launch_bounds__(threads_per_block)
+    draw_kernel(const __grid_constant__ RasterizeArgs<float> args, const __grid_constant__ Workspace workspace,
+                const __grid_constant__ Items items) {
+    for_each(items.total, [&](Index i) { draw_triangle(args, workspace, items, i); });
+}
+
 // Blocks (i, s) take the triangles i, i + gridDim.x, ... of the queue, and of each the rows of tiles s, s + gridDim.y,
 // ...; a thread is a pixel of the tile.
 __global__ void __launch_bounds__(tile_pixels)
@@ -140,8 +139,8 @@ __global__ void __launch_bounds__(tile_pixels)
     __shared__ Triangle t;
     __shared__ PixelBox box;
     __shared__ bool drawn;
-    const unsigned count = min(*workspace.queued, workspace.capacity);
-    for (unsigned i = blockIdx.x; i < count; i += gridDim.x) {
+    const Key count = min(*workspace.queued, workspace.capacity);
+    for (Key i = blockIdx.x; i < count; i += gridDim.x) {
         const Queued queued = workspace.queue[i];
         __syncthreads();  // the triangle before is done with
         if (threadIdx.x == 0) {
@@ -173,33 +172,34 @@ __global__ void __launch_bounds__(tile_pixels)
 
 __global__ void __launch_bounds__(threads_per_block)
     resolve_kernel(const __grid_constant__ RasterizeArgs<float> args, const __grid_constant__ Workspace workspace) {
-    const Index pixel = Index(blockIdx.x) * blockDim.x + threadIdx.x;
-    if (pixel >= args.batch * args.height * args.width) return;
-    const Key key = workspace.keys[pixel];
-    float4 values = {0, 0, 0, 0}, slopes = {0, 0, 0, 0};
-    if (key != ~Key(0)) {
-        const Index row = pixel / args.width, item = row / args.height;
-        const int x = static_cast<int>(pixel - row * args.width), y = static_cast<int>(row - item * args.height);
-        const auto triangle = static_cast<std::int32_t>(key & 0xffffffffu);
-        const auto ordered = static_cast<unsigned>(key >> 32);
-        ClipVertex v[3];
-        load_triangle(positions_of(args.pos, args.shared, args.vertices, item), args.tri, triangle, args.vertices, v);
-        double turn;
-        const Edges edges = make_edges<false>(v, args.width, args.height, turn);
-        const Barycentrics b = barycentrics(edges, 2 * x + 1 - args.width, 2 * y + 1 - args.height);
-        values.x = static_cast<float>(held_to_one(b.of[0]));
-        values.y = static_cast<float>(held_to_one(b.of[1]));
-        values.z = __uint_as_float((ordered & 0x80000000u) != 0 ? ordered & 0x7fffffffu : ~ordered);
-        values.w = static_cast<float>(triangle + 1);
-        if (args.rast_db != nullptr) {
-            double d[4];
-            barycentric_derivatives(edges, b, d);
-            slopes = {static_cast<float>(d[0]), static_cast<float>(d[1]), static_cast<float>(d[2]),
-                      static_cast<float>(d[3])};
+    for_each(args.batch * args.height * args.width, [&](Index pixel) {
+        const Key key = workspace.keys[pixel];
+        float4 values = {0, 0, 0, 0}, slopes = {0, 0, 0, 0};
+        if (key != ~Key(0)) {
+            const Index row = pixel / args.width, item = row / args.height;
+            const int x = static_cast<int>(pixel - row * args.width), y = static_cast<int>(row - item * args.height);
+            const auto triangle = static_cast<std::int32_t>(key & 0xffffffffu);
+            const auto ordered = static_cast<unsigned>(key >> 32);
+            ClipVertex v[3];
+            load_triangle(positions_of(args.pos, args.shared, args.vertices, item), args.tri, triangle, args.vertices,
+                          v);
+            double turn;
+            const Edges edges = make_edges<false>(v, args.width, args.height, turn);
+            const Barycentrics b = barycentrics(edges, 2 * x + 1 - args.width, 2 * y + 1 - args.height);
+            values.x = static_cast<float>(held_to_one(b.of[0]));
+            values.y = static_cast<float>(held_to_one(b.of[1]));
+            values.z = __uint_as_float((ordered & 0x80000000u) != 0 ? ordered & 0x7fffffffu : ~ordered);
+            values.w = static_cast<float>(triangle + 1);
+            if (args.rast_db != nullptr) {
+                double d[4];
+                barycentric_derivatives(edges, b, d);
+                slopes = {static_cast<float>(d[0]), static_cast<float>(d[1]), static_cast<float>(d[2]),
+                          static_cast<float>(d[3])};
+            }
         }
-    }
-    reinterpret_cast<float4*>(args.rast)[pixel] = values;
-    if (args.rast_db != nullptr) reinterpret_cast<float4*>(args.rast_db)[pixel] = slopes;
+        reinterpret_cast<float4*>(args.rast)[pixel] = values;
+        if (args.rast_db != nullptr) reinterpret_cast<float4*>(args.rast_db)[pixel] = slopes;
+    });
 }
 
 // ---- Backward ----
@@ -213,7 +213,8 @@ __device__ Triple sum_of_warp(Triple value) {
     return value;
 }
 
-// A warp is 8 x 4 pixels. Where all that are not empty show one triangle, one lane adds for all.
+// A warp is 8 x 4 pixels. Where all
+// that are not empty show one triangle, one lane adds for all.
 __global__ void __launch_bounds__(threads_per_block)
     backward_kernel(const __grid_constant__ RasterizeBackwardArgs<float> args) {
     const int x = static_cast<int>(blockIdx.x) * 32 + static_cast<int>(threadIdx.x / 32 % 4 * 8 + threadIdx.x % 8);
@@ -264,35 +265,24 @@ __global__ void __launch_bounds__(threads_per_block)
     }
 }
 
-const char* text_of(cudaError_t status) { return status == cudaSuccess ? nullptr : cudaGetErrorString(status); }
-
-unsigned blocks_for(Index threads) {
-    return static_cast<unsigned>((threads + threads_per_block - 1) / threads_per_block);
-}
-
-Index key_bytes(Index batch, int height, int width) { return batch * height * width * Index(sizeof(Key)); }
+Index key_count(Index batch, int height, int width) { return batch * height * width; }
 
 }  // namespace
 
 std::int64_t rasterize_workspace(std::int64_t batch, std::int64_t triangles, int height, int width) {
-    return key_bytes(batch, height, width) + queue_size(batch, triangles) * Index(sizeof(Queued)) + Index(sizeof(Key));
+    return (key_count(batch, height, width) + 1) * Index(sizeof(Key)) +
+           queue_size(batch, triangles) * Index(sizeof(Queued));
 }
 
-const char* rasterize_cuda(const RasterizeArgs<float>& args, void* workspace, int device, void* stream) {
-    // The module links a CUDA runtime of its own, which has its own idea of the current device.
-    if (const cudaError_t status = cudaSetDevice(device); status != cudaSuccess) return text_of(status);
-    const cudaStream_t queue = static_cast<cudaStream_t>(stream);
-    const Index pixels = args.batch * args.height * args.width, capacity = queue_size(args.batch, args.triangles);
-    if (pixels == 0) return nullptr;
-    auto* const bytes = static_cast<unsigned char*>(workspace);
-    const Index queue_at = key_bytes(args.batch, args.height, args.width);
-    const Index length_at = queue_at + capacity * Index(sizeof(Queued));
-    const Workspace parts{static_cast<Key*>(workspace), reinterpret_cast<Queued*>(bytes + queue_at),
-                          reinterpret_cast<unsigned*>(bytes + length_at), static_cast<unsigned>(capacity)};
-    cudaError_t status = cudaMemsetAsync(parts.keys, 0xff, static_cast<std::size_t>(queue_at), queue);
-    if (status == cudaSuccess) status = cudaMemsetAsync(parts.queued, 0, sizeof(unsigned), queue);
-    if (status != cudaSuccess) return text_of(status);
-
+void rasterize_cuda(const RasterizeArgs<float>& args, void* workspace, CudaStream stream) {
+    const Queue queue(stream);
+    const Index pixels = key_count(args.batch, args.height, args.width);
+    if (pixels == 0) return;
+    Key* const keys = static_cast<Key*>(workspace);
+    const Workspace parts{keys, reinterpret_cast<Queued*>(keys + pixels + 1), keys + pixels,
+                          static_cast<Key>(queue_size(args.batch, args.triangles))};
+    queue.fill(parts.keys, pixels, 0xff);
+    queue.fill(parts.queued, 1);
     for (Index first = 0; first < args.batch;) {
         Items items{};
         items.first = first;
@@ -307,28 +297,17 @@ const char* rasterize_cuda(const RasterizeArgs<float>& args, void* workspace, in
                 items.offsets[items.count + 1] = items.total;
             }
         }
-        if (items.total == 0) continue;
-        draw_kernel<<<blocks_for(items.total), threads_per_block, 0, queue>>>(args, parts, items);
-        if (const char* const text = text_of(cudaGetLastError())) return text;
+        queue.run_each(items.total, draw_kernel, args, parts, items);
     }
-    draw_queue_kernel<<<dim3(queue_blocks, queue_slices), tile_pixels, 0, queue>>>(args, parts);
-    if (const char* const text = text_of(cudaGetLastError())) return text;
-    resolve_kernel<<<blocks_for(pixels), threads_per_block, 0, queue>>>(args, parts);
-    return text_of(cudaGetLastError());
+    queue.run(dim3(queue_blocks, queue_slices), tile_pixels, draw_queue_kernel, args, parts);
+    queue.run_each(pixels, resolve_kernel, args, parts);
 }
 
-const char* rasterize_backward_cuda(const RasterizeBackwardArgs<float>& args, int device, void* stream) {
-    if (const cudaError_t status = cudaSetDevice(device); status != cudaSuccess) return text_of(status);
-    const cudaStream_t queue = static_cast<cudaStream_t>(stream);
-    const Index places = (args.shared ? 1 : args.batch) * args.vertices;
-    const cudaError_t status =
-        cudaMemsetAsync(args.grad_pos, 0, static_cast<std::size_t>(places) * 4 * sizeof(float), queue);
-    if (status != cudaSuccess) return text_of(status);
-    if (args.batch == 0 || args.height == 0 || args.width == 0) return nullptr;
-    const dim3 grid(static_cast<unsigned>((args.width + 31) / 32), static_cast<unsigned>((args.height + 7) / 8),
-                    static_cast<unsigned>(std::min<Index>(args.batch, 65535)));
-    backward_kernel<<<grid, threads_per_block, 0, queue>>>(args);
-    return text_of(cudaGetLastError());
+void rasterize_backward_cuda(const RasterizeBackwardArgs<float>& args, CudaStream stream) {
+    const Queue queue(stream);
+    queue.fill(args.grad_pos, (args.shared ? 1 : args.batch) * args.vertices * 4);
+    const dim3 blocks = grid_of(blocks_for(args.width, block_width), blocks_for(args.height, block_height), args.batch);
+    queue.run(blocks, threads_per_block, backward_kernel, args);
 }
 
 }  // namespace mipbake

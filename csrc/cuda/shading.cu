@@ -1,17 +1,12 @@
 // Shading on the GPU, from the same headers as on the CPU: geometry in double, the lobe in float.
-#include <cuda_runtime.h>
-
-#include <stdexcept>
-#include <string>
-
-#include "ops.h"
+#include "cuda/launch.h"
 #include "shading/models.h"
 #include "shading/prepare.h"
 
 namespace mipbake {
 namespace {
 
-using Index = std::int64_t;
+using namespace cuda;
 
 // A block shades kTexels texels, and kSlices threads share the pairs of each. Pairs are worked out kPairs at a time, in
 // shared memory, because every texel needs them.
@@ -126,15 +121,12 @@ __global__ void __launch_bounds__(kThreads)
     for (int c = 0; c < C; ++c) grad_material[(b * args.N + n) * C + c] = gradient[c];
 }
 
-// For a model with no adjoint of its own. One thread per texel.
+// For a model with no adjoint of its own.
 template <class Model>
-__global__ void backward_duals_kernel(const __grid_constant__ ShadeArgs args, const float* grad_radiance,
-                                      float* grad_material) {
+__device__ void shade_back(const ShadeArgs& args, Index i, const float* grad_radiance, float* grad_material) {
     constexpr int C = Model::channels;
     using W = Dual<double, C, float>;
     using T = Dual<float, C>;
-    const Index i = Index(blockIdx.x) * blockDim.x + threadIdx.x;
-    if (i >= args.B * args.N) return;
     const Index b = i / args.N, n = i % args.N;
     double channels[C];
     load_material(args, b, n, channels);
@@ -151,63 +143,38 @@ __global__ void backward_duals_kernel(const __grid_constant__ ShadeArgs args, co
     for (int c = 0; c < C; ++c) grad_material[i * C + c] = gradient[c];
 }
 
-void check_cuda(const char* kernel, cudaError_t error) {
-    if (error != cudaSuccess)
-        throw std::runtime_error(std::string("CUDA, ") + kernel + ": " + cudaGetErrorString(error));
-}
-
-// The module links a CUDA runtime of its own, which has its own idea of the current device.
-void use_device(const char* kernel, int device) { check_cuda(kernel, cudaSetDevice(device)); }
-
-void require_float(const ShadeArgs& args) {
-    if (args.is_double) throw std::runtime_error("the CUDA kernels are for float32 alone");
+template <class Model>
+__global__ void backward_duals_kernel(const __grid_constant__ ShadeArgs args, const float* grad_radiance,
+                                      float* grad_material) {
+    for_each(args.B * args.N, [&](Index i) { shade_back<Model>(args, i, grad_radiance, grad_material); });
 }
 
 }  // namespace
 
-void shade_cuda(const ShadeArgs& args, void* radiance, int device, std::uintptr_t stream) {
-    require_float(args);
-    if (args.B * args.K * args.N == 0) return;
-    use_device("shade", device);
-    const Index blocks = (args.N + kTexels - 1) / kTexels * ((args.K + kPairs - 1) / kPairs) * args.B;
-    const auto s = reinterpret_cast<cudaStream_t>(stream);
+void shade_cuda(const ShadeArgs& args, void* radiance, CudaStream stream) {
+    const Queue queue(stream);
+    const Index blocks = blocks_for(args.N, kTexels) * blocks_for(args.K, kPairs) * args.B;
     auto* const out = static_cast<float*>(radiance);
     Models::visit(args.model, [&](auto model) {
         using Model = decltype(model);
-        const dim3 threads(kTexels, kSlices);
-        if (args.per_texel()) {
-            forward_kernel<Model, true><<<static_cast<unsigned>(blocks), threads, 0, s>>>(args, out);
-        } else {
-            forward_kernel<Model, false><<<static_cast<unsigned>(blocks), threads, 0, s>>>(args, out);
-        }
+        const auto kernel = args.per_texel() ? forward_kernel<Model, true> : forward_kernel<Model, false>;
+        queue.run(grid_of(blocks), dim3(kTexels, kSlices), kernel, args, out);
     });
-    check_cuda("shade", cudaGetLastError());
 }
 
-void shade_backward_cuda(const ShadeArgs& args, const void* grad_radiance, void* grad_material, int device,
-                         std::uintptr_t stream) {
-    require_float(args);
-    if (args.B * args.N == 0) return;
-    use_device("shade_backward", device);
-    const auto s = reinterpret_cast<cudaStream_t>(stream);
+void shade_backward_cuda(const ShadeArgs& args, const void* grad_radiance, void* grad_material, CudaStream stream) {
+    const Queue queue(stream);
     const auto* const g = static_cast<const float*>(grad_radiance);
     auto* const out = static_cast<float*>(grad_material);
     Models::visit(args.model, [&](auto model) {
         using Model = decltype(model);
         if constexpr (Model::has_adjoint) {
-            const Index blocks = (args.N + kTexels - 1) / kTexels * args.B;
-            const dim3 threads(kTexels, kSlices);
-            if (args.per_texel()) {
-                backward_kernel<Model, true><<<static_cast<unsigned>(blocks), threads, 0, s>>>(args, g, out);
-            } else {
-                backward_kernel<Model, false><<<static_cast<unsigned>(blocks), threads, 0, s>>>(args, g, out);
-            }
+            const auto kernel = args.per_texel() ? backward_kernel<Model, true> : backward_kernel<Model, false>;
+            queue.run(grid_of(blocks_for(args.N, kTexels) * args.B), dim3(kTexels, kSlices), kernel, args, g, out);
         } else {
-            const Index blocks = (args.B * args.N + kThreads - 1) / kThreads;
-            backward_duals_kernel<Model><<<static_cast<unsigned>(blocks), kThreads, 0, s>>>(args, g, out);
+            queue.run_each(args.B * args.N, backward_duals_kernel<Model>, args, g, out);
         }
     });
-    check_cuda("shade_backward", cudaGetLastError());
 }
 
 }  // namespace mipbake

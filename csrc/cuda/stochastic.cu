@@ -1,8 +1,5 @@
 // Stochastic gradients on the GPU: one thread for an element or a pixel, and no atomics.
-#include <cuda_runtime.h>
-
-#include <algorithm>
-
+#include "cuda/launch.h"
 #include "stochastic/elements.h"
 #include "stochastic/touched.h"
 #include "stochastic_ops.h"
@@ -10,16 +7,7 @@
 namespace mipbake {
 namespace {
 
-using Index = std::int64_t;
-
-constexpr unsigned block_size = 256;
-constexpr Index most_blocks = 65535;
-
-template <class F>
-__device__ void for_each(Index count, F&& f) {
-    const Index step = Index(gridDim.x) * blockDim.x;
-    for (Index i = Index(blockIdx.x) * blockDim.x + threadIdx.x; i < count; i += step) f(i);
-}
+using namespace cuda;
 
 __device__ Index element_at(const ElementList& list, Index i) { return list.listed != nullptr ? list.listed[i] : i; }
 
@@ -70,50 +58,27 @@ __global__ void touched_kernel(const __grid_constant__ TouchedArgs args, std::in
     for_each(args.points, [&](Index i) { add_touched(args, i, texels + i * args.most); });
 }
 
-const char* text_of(cudaError_t status) { return status == cudaSuccess ? nullptr : cudaGetErrorString(status); }
-
-// Calls launch(blocks, stream) on the device, unless there is nothing to do.
-template <class Launch>
-const char* launched(Index count, int device, void* stream, Launch&& launch) {
-    // The module links a CUDA runtime of its own, which has its own idea of the current device.
-    if (const cudaError_t status = cudaSetDevice(device); status != cudaSuccess) return text_of(status);
-    if (count == 0) return nullptr;
-    const Index blocks = std::min((count + block_size - 1) / block_size, most_blocks);
-    launch(static_cast<unsigned>(blocks), static_cast<cudaStream_t>(stream));
-    return text_of(cudaGetLastError());
-}
-
 }  // namespace
 
-const char* perturb_cuda(const PerturbArgs<float>& args, int device, void* stream) {
-    return launched(args.elements.count, device, stream, [&](unsigned blocks, cudaStream_t queue) {
-        perturb_kernel<<<blocks, block_size, 0, queue>>>(args, numbers_of(args.channels));
-    });
+void perturb_cuda(const PerturbArgs<float>& args, CudaStream stream) {
+    Queue(stream).run_each(args.elements.count, perturb_kernel, args, numbers_of(args.channels));
 }
 
-const char* gradient_cuda(const GradientArgs<float>& args, int device, void* stream) {
-    return launched(args.elements.count, device, stream, [&](unsigned blocks, cudaStream_t queue) {
-        gradient_kernel<<<blocks, block_size, 0, queue>>>(args, numbers_of(args.channels));
-    });
+void gradient_cuda(const GradientArgs<float>& args, CudaStream stream) {
+    Queue(stream).run_each(args.elements.count, gradient_kernel, args, numbers_of(args.channels));
 }
 
-const char* adam_cuda(const AdamArgs<float>& args, int device, void* stream) {
-    return launched(args.elements.count, device, stream, [&](unsigned blocks, cudaStream_t queue) {
-        adam_kernel<<<blocks, block_size, 0, queue>>>(args, numbers_of(args.channels));
-    });
+void adam_cuda(const AdamArgs<float>& args, CudaStream stream) {
+    Queue(stream).run_each(args.elements.count, adam_kernel, args, numbers_of(args.channels));
 }
 
-const char* differences_cuda(const float* plus, const float* minus, const float* reference, const float* weights,
-                             Index pixels, Index channels, float* out, int device, void* stream) {
-    return launched(pixels, device, stream, [&](unsigned blocks, cudaStream_t queue) {
-        differences_kernel<<<blocks, block_size, 0, queue>>>(plus, minus, reference, weights, pixels, channels, out);
-    });
+void differences_cuda(const float* plus, const float* minus, const float* reference, const float* weights,
+                      std::int64_t pixels, std::int64_t channels, float* out, CudaStream stream) {
+    Queue(stream).run_each(pixels, differences_kernel, plus, minus, reference, weights, pixels, channels, out);
 }
 
-const char* touched_cuda(const TouchedArgs& args, std::int32_t* texels, int device, void* stream) {
-    return launched(args.points, device, stream, [&](unsigned blocks, cudaStream_t queue) {
-        touched_kernel<<<blocks, block_size, 0, queue>>>(args, texels);
-    });
+void touched_cuda(const TouchedArgs& args, std::int32_t* texels, CudaStream stream) {
+    Queue(stream).run_each(args.points, touched_kernel, args, texels);
 }
 
 }  // namespace mipbake

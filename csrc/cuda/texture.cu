@@ -1,8 +1,6 @@
 // Texture lookups: one thread per lookup. Texel gradients are added with atomics: their order, and so their last
 // digits, vary. A MIP step and its adjoint: one thread per number that is written, which makes both reproducible.
-#include <cuda_runtime.h>
-
-#include "ops.h"
+#include "cuda/launch.h"
 #include "sampling/cube.h"
 #include "sampling/mip.h"
 #include "sampling/quads.h"
@@ -10,11 +8,9 @@
 namespace mipbake {
 namespace {
 
-using Index = std::int64_t;
+using namespace cuda;
 using Args = TextureArgs<float>;
 using Grads = TextureGrads<float>;
-
-constexpr int threads_per_group = 256;
 
 __device__ bool is_mipmapped(Filter filter) { return filter != Filter::nearest && filter != Filter::linear; }
 
@@ -150,9 +146,7 @@ __device__ Located<S> locate(const Args& args, const Lookup& lookup, int ordinal
 }
 
 template <class S>
-__global__ void texture_kernel(const __grid_constant__ Args args, float* out) {
-    const Index n = Index(blockIdx.x) * blockDim.x + threadIdx.x;
-    if (n >= args.batch * args.points) return;
+__device__ void look_up(const Args& args, Index n, float* out) {
     const Lookup lookup = read_lookup(args, n);
     const LevelPair<float> pair = levels_of(args, lookup);
     float* const texel = out + n * args.channels;
@@ -167,6 +161,11 @@ __global__ void texture_kernel(const __grid_constant__ Args args, float* out) {
             texel[c] = k == 0 ? value : lerp(texel[c], value, share);
         }
     }
+}
+
+template <class S>
+__global__ void texture_kernel(const __grid_constant__ Args args, float* out) {
+    for_each(args.batch * args.points, [&](Index n) { look_up<S>(args, n, out); });
 }
 
 template <class S>
@@ -233,9 +232,7 @@ __device__ void write_slopes(const Args& args, const Grads& grads, const Lookup&
 }
 
 template <class S>
-__global__ void backward_kernel(const __grid_constant__ Args args, const __grid_constant__ Grads grads) {
-    const Index n = Index(blockIdx.x) * blockDim.x + threadIdx.x;
-    if (n >= args.batch * args.points) return;
+__device__ void look_back(const Args& args, const Grads& grads, Index n) {
     const Lookup lookup = read_lookup(args, n);
     const LevelPair<float> pair = levels_of(args, lookup);
     const float* const grad = grads.out + n * args.channels;
@@ -275,10 +272,13 @@ __global__ void backward_kernel(const __grid_constant__ Args args, const __grid_
 }
 
 template <class S>
-__global__ void mip_kernel(const __grid_constant__ MipShape shape, const S* level, S* out) {
+__global__ void backward_kernel(const __grid_constant__ Args args, const __grid_constant__ Grads grads) {
+    for_each(args.batch * args.points, [&](Index n) { look_back<S>(args, grads, n); });
+}
+
+template <class S>
+__device__ void average(const MipShape& shape, const S* level, Index n, S* out) {
     const int height = mip_size(shape.height), width = mip_size(shape.width), channels = shape.channels;
-    const Index n = Index(blockIdx.x) * blockDim.x + threadIdx.x;
-    if (n >= shape.images * height * width * channels) return;
     const int c = static_cast<int>(n % channels), column = static_cast<int>(n / channels % width);
     const Index row = n / channels / width, image = row / height;
     const MipTaps<float> y = mip_taps<float>(static_cast<int>(row - image * height), shape.height);
@@ -297,10 +297,13 @@ __global__ void mip_kernel(const __grid_constant__ MipShape shape, const S* leve
     store_value(value, out + n);
 }
 
-__global__ void mip_backward_kernel(const __grid_constant__ MipShape shape, const float* grad_out, float* grad) {
+template <class S>
+__global__ void mip_kernel(const __grid_constant__ MipShape shape, Index numbers, const S* level, S* out) {
+    for_each(numbers, [&](Index n) { average(shape, level, n, out); });
+}
+
+__device__ void add_averages(const MipShape& shape, const float* grad_out, Index n, float* grad) {
     const int height = mip_size(shape.height), width = mip_size(shape.width), channels = shape.channels;
-    const Index n = Index(blockIdx.x) * blockDim.x + threadIdx.x;
-    if (n >= shape.images * shape.height * shape.width * channels) return;
     const int c = static_cast<int>(n % channels), column = static_cast<int>(n / channels % shape.width);
     const Index row = n / channels / shape.width, image = row / shape.height;
     const MipTaps<float> y = mip_adjoint_taps<float>(static_cast<int>(row - image * shape.height), shape.height);
@@ -313,9 +316,10 @@ __global__ void mip_backward_kernel(const __grid_constant__ MipShape shape, cons
     grad[n] += sum;
 }
 
-const char* text_of(cudaError_t status) { return status == cudaSuccess ? nullptr : cudaGetErrorString(status); }
-
-unsigned groups(Index threads) { return static_cast<unsigned>((threads + threads_per_group - 1) / threads_per_group); }
+__global__ void mip_backward_kernel(const __grid_constant__ MipShape shape, Index numbers, const float* grad_out,
+                                    float* grad) {
+    for_each(numbers, [&](Index n) { add_averages(shape, grad_out, n, grad); });
+}
 
 // Calls f with a number of the type that texels are stored in.
 template <class F>
@@ -327,58 +331,35 @@ void with_storage(Storage storage, F&& f) {
 
 }  // namespace
 
-const char* texture_cuda(const TextureArgs<float>& args, float* out, int device, void* stream) {
-    // The module links a CUDA runtime of its own, which has its own idea of the current device.
-    if (const cudaError_t status = cudaSetDevice(device); status != cudaSuccess) return text_of(status);
-    const Index lookups = args.batch * args.points;
-    if (lookups == 0) return nullptr;
+void texture_cuda(const TextureArgs<float>& args, float* out, CudaStream stream) {
+    const Queue queue(stream);
     with_storage(args.storage, [&](auto stored) {
-        texture_kernel<decltype(stored)>
-            <<<groups(lookups), threads_per_group, 0, static_cast<cudaStream_t>(stream)>>>(args, out);
+        queue.run_each(args.batch * args.points, texture_kernel<decltype(stored)>, args, out);
     });
-    return text_of(cudaGetLastError());
 }
 
-const char* texture_backward_cuda(const TextureArgs<float>& args, const TextureGrads<float>& grads, int device,
-                                  void* stream) {
-    if (const cudaError_t status = cudaSetDevice(device); status != cudaSuccess) return text_of(status);
-    const cudaStream_t queue = static_cast<cudaStream_t>(stream);
-    for (int l = 0; l < args.level_count && grads.levels[0] != nullptr; ++l) {
-        const Index numbers = grads.level_batch[l] * args.heights[l] * args.widths[l] * args.channels *
-                              (args.boundary_u == Boundary::cube ? 6 : 1);
-        const std::size_t bytes = static_cast<std::size_t>(numbers) * sizeof(float);
-        const cudaError_t status = cudaMemsetAsync(grads.levels[l], 0, bytes, queue);
-        if (status != cudaSuccess) return text_of(status);
-    }
-    const Index lookups = args.batch * args.points;
-    if (lookups == 0) return nullptr;
+void texture_backward_cuda(const TextureArgs<float>& args, const TextureGrads<float>& grads, CudaStream stream) {
+    const Queue queue(stream);
+    for (int l = 0; l < args.level_count && grads.levels[0] != nullptr; ++l)
+        queue.fill(grads.levels[l], grads.level_batch[l] * args.heights[l] * args.widths[l] * args.channels *
+                                        (args.boundary_u == Boundary::cube ? 6 : 1));
     with_storage(args.storage, [&](auto stored) {
-        backward_kernel<decltype(stored)><<<groups(lookups), threads_per_group, 0, queue>>>(args, grads);
+        queue.run_each(args.batch * args.points, backward_kernel<decltype(stored)>, args, grads);
     });
-    return text_of(cudaGetLastError());
 }
 
-const char* texture_mip_cuda(const MipShape& shape, Storage storage, const void* level, void* out, int device,
-                             void* stream) {
-    if (const cudaError_t status = cudaSetDevice(device); status != cudaSuccess) return text_of(status);
+void texture_mip_cuda(const MipShape& shape, Storage storage, const void* level, void* out, CudaStream stream) {
+    const Queue queue(stream);
     const Index numbers = shape.images * mip_size(shape.height) * mip_size(shape.width) * shape.channels;
-    if (numbers == 0) return nullptr;
     with_storage(storage, [&](auto stored) {
         using S = decltype(stored);
-        mip_kernel<<<groups(numbers), threads_per_group, 0, static_cast<cudaStream_t>(stream)>>>(
-            shape, static_cast<const S*>(level), static_cast<S*>(out));
+        queue.run_each(numbers, mip_kernel<S>, shape, numbers, static_cast<const S*>(level), static_cast<S*>(out));
     });
-    return text_of(cudaGetLastError());
 }
 
-const char* texture_mip_backward_cuda(const MipShape& shape, const float* grad_out, float* grad, int device,
-                                      void* stream) {
-    if (const cudaError_t status = cudaSetDevice(device); status != cudaSuccess) return text_of(status);
+void texture_mip_backward_cuda(const MipShape& shape, const float* grad_out, float* grad, CudaStream stream) {
     const Index numbers = shape.images * shape.height * shape.width * shape.channels;
-    if (numbers == 0) return nullptr;
-    mip_backward_kernel<<<groups(numbers), threads_per_group, 0, static_cast<cudaStream_t>(stream)>>>(shape, grad_out,
-                                                                                                      grad);
-    return text_of(cudaGetLastError());
+    Queue(stream).run_each(numbers, mip_backward_kernel, shape, numbers, grad_out, grad);
 }
 
 }  // namespace mipbake
