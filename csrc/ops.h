@@ -175,6 +175,10 @@ class NetworkBake {
 };
 std::shared_ptr<const Network> packed_network(const NetworkArgs& args);
 
+// The same bake on a card: of arrays of the host, which are complete when it returns. Results differ from those of
+// NetworkBake by rounding. Beside level 0 the card holds the latents of every sink, and maps of half a million texels.
+void network_bake_cuda(const NetworkArgs& network, const NetworkBakeArgs& args, CudaStream stream);
+
 // ---- Interpolation and antialiasing of rasterised images ----
 
 // rast: (batch, height, width, 4) with u, v, z/w, triangle + 1; tri: (triangles, 3). All arrays are C-contiguous.

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake.base.device import PROCESSOR
 from mipbake.base.errors import UsageError
 from mipbake.material import MODELS, losses, model_named
 from mipbake.material.aim import DEFAULT_SAMPLER, Sampler
@@ -92,18 +93,21 @@ class Architecture(ABC):
     def build(self) -> Network:
         """A network of this architecture, as it is initialised."""
 
-    def baker(self, tensors: Mapping[str, NDArray[np.float32]], pixel_filters: tuple[str, ...]) -> Baker:
+    def baker(
+        self, tensors: Mapping[str, NDArray[np.float32]], pixel_filters: tuple[str, ...], device: str = PROCESSOR
+    ) -> Baker:
         """What bakes with weights: here the network in torch, unless an architecture has something faster.
 
         Args:
             tensors: by the names that the network's state has. pixel_filters: that they were trained for.
+            device: where it runs.
 
         Raises:
             KeyError, ValueError: the tensors do not fit the architecture.
         """
         from mipbake.models.base import network_of
 
-        return network_of(self, tensors, pixel_filters)
+        return network_of(self, tensors, pixel_filters).to(device)
 
     def describe(self) -> Description | None:
         """For the model card; None where networks of this architecture are compared with and never released."""

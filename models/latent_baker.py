@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from mipbake import _native, material
 from mipbake.base import memory
+from mipbake.base.device import PROCESSOR
 from mipbake.material import directions, model_named
 from mipbake.material.aim import DEFAULT_SAMPLER, Sampler
 from mipbake.material.pixel_filter import Wrap, level_sizes
@@ -31,16 +32,20 @@ class LatentBaker(Baker):
     Args:
         config: the architecture. pixel_filters: that the weights were trained for; () where nothing says so.
         tensors: by the names that the network's state has.
+        device: where it runs, as `native.bake` takes it.
     """
 
     config: LatentConfig
     pixel_filters: tuple[str, ...]
     tensors: Tensors
+    device: str = PROCESSOR
 
     @classmethod
-    def of(cls, config: LatentConfig, pixel_filters: tuple[str, ...], tensors: Tensors) -> LatentBaker:
+    def of(
+        cls, config: LatentConfig, pixel_filters: tuple[str, ...], tensors: Tensors, device: str = PROCESSOR
+    ) -> LatentBaker:
         """Raises KeyError or ValueError where the tensors do not fit the architecture."""
-        out = cls(config, pixel_filters, tensors)
+        out = cls(config, pixel_filters, tensors, device)
         for read in config.encoders:
             for made in config.decoders:
                 out.packed(read, made)
@@ -95,7 +100,7 @@ class LatentBaker(Baker):
             rows, columns = (Axis(index.astype(np.int32), weights, weights) for index, weights in axes)
             sinks.append(Sink(level - 2, rows, columns, out[level], biases))
         one, none = np.ones(1, np.float32), np.zeros(0, np.float32)
-        native.bake(packed, stored, wrap, Top(one, none, out[0], biases), sinks, progress)
+        native.bake(packed, stored, wrap, Top(one, none, out[0], biases), sinks, progress, self.device)
         return directions.agreeing(out, made, wrap)
 
     def packed(self, read: str, made: str) -> tuple[_native.Network, NDArray[np.float32]]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake.base.device import PROCESSOR
 from mipbake.base.errors import UsageError
 from mipbake.material import MODELS, losses
 from mipbake.models.architecture import PAPER, Architecture, Baker, Description, check_counts, layers
@@ -75,11 +76,13 @@ class LatentConfig(Architecture):
 
         return LatentNetwork(self)
 
-    def baker(self, tensors: Mapping[str, NDArray[np.float32]], pixel_filters: tuple[str, ...]) -> Baker:
+    def baker(
+        self, tensors: Mapping[str, NDArray[np.float32]], pixel_filters: tuple[str, ...], device: str = PROCESSOR
+    ) -> Baker:
         """See Architecture. In the native core."""
         from mipbake.models.latent_baker import LatentBaker
 
-        return LatentBaker.of(self, pixel_filters, tensors)
+        return LatentBaker.of(self, pixel_filters, tensors, device)
 
     def describe(self) -> Description:
         """See Architecture."""

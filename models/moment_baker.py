@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from mipbake import _native, material
 from mipbake.base import memory
+from mipbake.base.device import PROCESSOR
 from mipbake.material import MaterialModel, directions, model_named
 from mipbake.material.aim import DEFAULT_SAMPLER, Sampler
 from mipbake.material.pixel_filter import FILTERS, Wrap, level_sizes, resample_weights
@@ -34,16 +35,20 @@ class MomentBaker(Baker):
     Args:
         config: the architecture. pixel_filters: that the weights were trained for; () where nothing says so.
         tensors: by the names that the network's state has.
+        device: where it runs, as `native.bake` takes it.
     """
 
     config: MomentConfig
     pixel_filters: tuple[str, ...]
     tensors: Tensors
+    device: str = PROCESSOR
 
     @classmethod
-    def of(cls, config: MomentConfig, pixel_filters: tuple[str, ...], tensors: Tensors) -> MomentBaker:
+    def of(
+        cls, config: MomentConfig, pixel_filters: tuple[str, ...], tensors: Tensors, device: str = PROCESSOR
+    ) -> MomentBaker:
         """Raises KeyError or ValueError where the tensors do not fit the architecture."""
-        out = cls(config, pixel_filters, tensors)
+        out = cls(config, pixel_filters, tensors, device)
         assert out.packed is not None
         return out
 
@@ -91,7 +96,7 @@ class MomentBaker(Baker):
         plain = resample_weights(16, 16, lookup.kernel, "wrap")[1][0]  # the same for every texel of a level 0
         a = sharpening(0)
         top = Top(np.convolve(plain, [-a, 1 + 2 * a, -a]).astype(np.float32), plain, out[0], self._biases(0, lookup))
-        native.bake(self.packed, stored, wrap, top, list(self._sinks(out, lookup, wrap)), progress)
+        native.bake(self.packed, stored, wrap, top, list(self._sinks(out, lookup, wrap)), progress, self.device)
         return directions.agreeing(out, made, wrap)
 
     def _sinks(self, out: list[NDArray[np.float32]], lookup: Lookup, wrap: Wrap) -> Iterator[Sink]:

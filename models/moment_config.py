@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake.base.device import PROCESSOR
 from mipbake.base.errors import UsageError
 from mipbake.material import MODELS, Kind, MaterialModel, losses, model_named
 from mipbake.material.aim import LOOKUPS, Sampler
@@ -115,11 +116,13 @@ class MomentConfig(Architecture):
 
         return MomentNetwork(self)
 
-    def baker(self, tensors: Mapping[str, NDArray[np.float32]], pixel_filters: tuple[str, ...]) -> Baker:
+    def baker(
+        self, tensors: Mapping[str, NDArray[np.float32]], pixel_filters: tuple[str, ...], device: str = PROCESSOR
+    ) -> Baker:
         """See Architecture. In the native core."""
         from mipbake.models.moment_baker import MomentBaker
 
-        return MomentBaker.of(self, pixel_filters, tensors)
+        return MomentBaker.of(self, pixel_filters, tensors, device)
 
     def describe(self) -> Description:
         """See Architecture."""

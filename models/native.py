@@ -1,9 +1,9 @@
-"""Networks in the native core (csrc/cpu/network.cpp): packed weights, and a bake of every level.
+"""Networks in the native core (csrc/cpu/network.cpp, csrc/cuda/network.cu): packed weights, and a bake of every level.
 
-The native core goes down level 0 in bands of rows. It encodes them, filters and decodes level 0, and adds the band to
-the rows of coarser images of latents that it is a part of. A row of these that has all its parts is decoded as a row of
-its level, handed on to images that are coarser still, or both. Latents of a level are never held, but for the rows that
-wait for their last part.
+On the processor it goes down level 0 in bands of rows. It encodes them, filters and decodes level 0, and adds the band
+to the rows of coarser images of latents that it is a part of. A row of these that has all its parts is decoded as a row
+of its level, handed on to images that are coarser still, or both. Latents of a level are never held, but for the rows
+that wait for their last part. A graphics card runs csrc/network/images.h instead.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import _native
+from mipbake.base.device import PROCESSOR, card_of, too_small
 from mipbake.material import MODELS, MaterialModel, most_roughness
 from mipbake.material.pixel_filter import Wrap
 
@@ -120,17 +121,31 @@ def bake(
     top: Top,
     sinks: Sequence[Sink],
     progress: Callable[[float], None],
+    device: str = PROCESSOR,
 ) -> None:
     """Bakes all that `top` and `sinks` have room for.
 
     Args:
         stored: (H, W, R) float32 stored channels of the model that is read. wrap: wrap mode along u and along v.
         progress: called with the finished share, from 0 to 1.
+        device: where the network runs; a graphics card only in a core that was compiled with CUDA.
+
+    Raises:
+        UsageError: the memory of the graphics card is too small.
     """
     given = [(each.source, each.rows, each.columns, each.out, each.biases) for each in sinks]
     stored = np.ascontiguousarray(stored, np.float32)
     wraps = wrap[1] == "wrap", wrap[0] == "wrap"
     running = _native.NetworkBake(packed, stored, *wraps, top.sharp, top.plain, top.biases, top.out, given)
+    if device != PROCESSOR:
+        try:
+            running.run_on_card(card_of(device))
+        except RuntimeError as error:
+            if "out of memory" in str(error):
+                raise too_small(device) from error
+            raise
+        progress(1.0)
+        return
     done = 0
     while done < len(stored):
         done = running.advance()

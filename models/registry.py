@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake import _native
 from mipbake.base.device import PROCESSOR
 from mipbake.base.errors import InputError, MipbakeError, UsageError
 from mipbake.material import MODELS
@@ -186,7 +187,8 @@ def load_network(info: WeightsInfo) -> Network:
 
 
 def load_baker(info: WeightsInfo, device: str = PROCESSOR) -> Baker:
-    """What bakes with the weights: on the processor in the native core where the architecture has it, else in torch.
+    """What bakes with the weights: the native core where it is compiled for the device and has the architecture, else
+    torch.
 
     Args:
         info: the weights.
@@ -195,9 +197,9 @@ def load_baker(info: WeightsInfo, device: str = PROCESSOR) -> Baker:
     Raises:
         InputError: the safetensors file is missing, or is not the one that was released.
     """
-    if device != PROCESSOR:
-        return _network_on(info, device)
-    return _fitting(info, lambda config, tensors, filters: config.baker(tensors, filters))
+    if device == PROCESSOR or (device.startswith("cuda") and _native.cuda_compiled()):
+        return _fitting(info, lambda config, tensors, filters: config.baker(tensors, filters, device))
+    return _network_on(info, device)
 
 
 # `auto` and `refine` bake a part first, to see how long the whole takes: loading is not to count there.

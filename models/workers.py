@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 import torch
 
-from mipbake.base.errors import UsageError
+from mipbake.base.device import too_small
 
 
 @contextmanager
@@ -26,7 +26,4 @@ def baking_on(device: torch.device) -> Iterator[None]:
             with torch.backends.cudnn.flags(enabled=True, benchmark=False, deterministic=True, allow_tf32=False):
                 yield
         except torch.OutOfMemoryError as error:
-            raise UsageError(
-                f"the memory of the device {device} is too small to bake this set: leave the device out to bake on the "
-                "processor"
-            ) from error
+            raise too_small(str(device)) from error

@@ -177,9 +177,11 @@ def test_the_method_bakes_where_it_is_told_to(weights: str | None) -> None:
 @ON_GPU
 @pytest.mark.parametrize("info", list_weights(), ids=lambda info: info.name)
 def test_a_graphics_card_bakes_what_the_processor_bakes(info) -> None:  # type: ignore[no-untyped-def]
+    """In torch, and in the native core where it was compiled with CUDA."""
     (read, *_), target = info.network.encoders, info.network.decoders[0]
     asked = convert(leather(), "gltf", read), read, target, info.pixel_filters[0], ("wrap", "clamp")
-    there = load_baker(info, checked_device("cuda")).bake(*asked)
+    on_card = load_baker(info, checked_device("cuda")), load_network(info).to("cuda")
     low, high = np.array(model_named(target).limits, np.float32).T
     for here in (load_network(info).bake(*asked), load_baker(info).bake(*asked)):
-        assert (off(target, there, here) / (high - low)).max() < 1e-4
+        for baker in on_card:
+            assert (off(target, baker.bake(*asked), here) / (high - low)).max() < 1e-4

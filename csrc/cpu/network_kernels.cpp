@@ -9,8 +9,8 @@ namespace {
 // Calls f(K()) with the kernels for a network.
 template <class F>
 decltype(auto) visit_latents(const KernelNetwork& net, F&& f) {
-    return layers::visit_model(net.read, [&](auto read) {
-        return layers::visit_model(
+    return network::visit_model(net.read, [&](auto read) {
+        return network::visit_model(
             net.made, [&](auto made) { return f(layers::LatentKernels<decltype(read), decltype(made)>()); });
     });
 }
@@ -18,7 +18,7 @@ decltype(auto) visit_latents(const KernelNetwork& net, F&& f) {
 template <class F>
 decltype(auto) visit(const KernelNetwork& net, F&& f) {
     if (net.kind == NetworkKind::latents) return visit_latents(net, f);
-    return layers::visit_model(net.made, [&](auto made) { return f(layers::MomentKernels<decltype(made)>()); });
+    return network::visit_model(net.made, [&](auto made) { return f(layers::MomentKernels<decltype(made)>()); });
 }
 
 }  // namespace

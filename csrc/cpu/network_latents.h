@@ -9,22 +9,6 @@ namespace mipbake {
 inline namespace MIPBAKE_ISA {
 namespace layers {
 
-// Calls f(M()) for a model by its index.
-template <class F>
-decltype(auto) visit_model(int model, F&& f) {
-    using namespace network;
-    switch (model) {
-        case 0:
-            return f(Made<ReadGltf, false>());
-        case 1:
-            return f(Made<ReadGltf, true>());
-        case 2:
-            return f(Made<ReadGgx, false>());
-        default:
-            return f(Made<ReadBeckmann, false>());
-    }
-}
-
 template <class R, class M>
 struct LatentKernels {
     using Walk = network::Walk<T>;

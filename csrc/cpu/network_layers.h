@@ -5,6 +5,7 @@
 #include "core/packet.h"
 #include "core/packet_series.h"
 #include "cpu/network.h"
+#include "network/models.h"
 
 namespace mipbake {
 inline namespace MIPBAKE_ISA {
@@ -20,8 +21,6 @@ constexpr int kBlock = 8;  // 32 registers: 24 sums, 3 inputs, 1 weight
 constexpr int kBlock = 4;  // 16 registers: 12 sums, 3 inputs, 1 weight
 #endif
 constexpr int kPackets = 3;
-
-constexpr float kSlope = 0.1f;  // of the rectifier below zero, as dense.py has it
 
 MIPBAKE_INLINE T load(const float* at) {
     if constexpr (lanes == 1) {
@@ -51,7 +50,7 @@ MIPBAKE_INLINE void block_of(const PackedLayer& layer, std::int64_t block, const
         for (int p = 0; p < P; ++p) {
             const T& sum = sums[g][p];
             store_lanes(out + (block * kBlock + g) * plane + p * lanes,
-                        layer.rectified ? larger(sum, sum * T(kSlope)) : sum);
+                        layer.rectified ? larger(sum, sum * T(network::kSlope)) : sum);
         }
 }
 

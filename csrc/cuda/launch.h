@@ -21,7 +21,9 @@ constexpr int block_width = 32, block_height = 8, threads_per_block = block_widt
 constexpr Index most_blocks = 2147483647, most_blocks_across = 65535;
 
 inline void check(cudaError_t status) {
-    if (status != cudaSuccess) throw std::runtime_error(std::string("CUDA: ") + cudaGetErrorString(status));
+    if (status == cudaSuccess) return;
+    cudaGetLastError();  // a later call is not to find it
+    throw std::runtime_error(std::string("CUDA: ") + cudaGetErrorString(status));
 }
 
 constexpr Index blocks_for(Index count, Index of_a_block) { return (count + of_a_block - 1) / of_a_block; }
@@ -46,6 +48,13 @@ class Queue {
     template <class T>
     void fill(T* numbers, Index count, int byte = 0) const {
         check(cudaMemsetAsync(numbers, byte, static_cast<std::size_t>(count) * sizeof(T), stream_));
+    }
+
+    // `count` numbers between the memory of the host and that of the device. Numbers of the host are there at once.
+    template <class T>
+    void copy(T* to, const T* from, Index count, cudaMemcpyKind kind) const {
+        check(cudaMemcpyAsync(to, from, static_cast<std::size_t>(count) * sizeof(T), kind, stream_));
+        if (kind == cudaMemcpyDeviceToHost) check(cudaStreamSynchronize(stream_));
     }
 
     // No block is nothing to do.

@@ -2,6 +2,8 @@
 // models/moment_baker.py checks that they agree.
 #pragma once
 
+#include "core/isa.h"
+
 namespace mipbake {
 inline namespace MIPBAKE_ISA {
 namespace network {
@@ -28,6 +30,23 @@ struct Made {
     static constexpr bool lines = Lines;
     static constexpr int channels = R::channels + (Lines ? 3 : 0);
 };
+
+// Calls f(M()) for what is made, by its index.
+template <class F>
+decltype(auto) visit_model(int model, F&& f) {
+    switch (model) {
+        case 0:
+            return f(Made<ReadGltf, false>());
+        case 1:
+            return f(Made<ReadGltf, true>());
+        case 2:
+            return f(Made<ReadGgx, false>());
+        default:
+            return f(Made<ReadBeckmann, false>());
+    }
+}
+
+constexpr float kSlope = 0.1f;  // of the rectifier below zero, as dense.py has it
 
 }  // namespace network
 }  // namespace MIPBAKE_ISA

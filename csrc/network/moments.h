@@ -69,7 +69,11 @@ struct Walk {
     float* at;
     std::int64_t stride;
     MIPBAKE_INLINE void put(const T& value) {
-        store_lanes(at, value);
+        if constexpr (std::is_same_v<T, float>) {
+            *at = value;
+        } else {
+            store_lanes(at, value);
+        }
         at += stride;
     }
 };

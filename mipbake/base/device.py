@@ -34,7 +34,7 @@ def checked_device(name: str, work: str = "bake") -> str:
         without = "the torch that is installed was built without CUDA"
         raise _unusable(name, "torch finds no graphics card" if torch.version.cuda else without, work)
     count = torch.cuda.device_count()
-    if int(card[1] or 0) >= count:
+    if card_of(name) >= count:
         expected = "cuda" if count == 1 else f"cuda:0 to cuda:{count - 1}"
         raise UsageError(f"there is no device {name}: expected {expected}")
     try:
@@ -42,6 +42,18 @@ def checked_device(name: str, work: str = "bake") -> str:
     except RuntimeError as error:
         raise _unusable(name, str(error).partition("\n")[0], work) from error
     return name
+
+
+def card_of(name: str) -> int:
+    """The number of a graphics card, by its name."""
+    return int(name.partition(":")[2] or 0)
+
+
+def too_small(name: str) -> UsageError:
+    """What a bake raises where the memory of a graphics card does not suffice."""
+    return UsageError(
+        f"the memory of the device {name} is too small to bake this set: leave the device out to bake on the processor"
+    )
 
 
 def _unusable(name: str, why: str, work: str) -> UsageError:
