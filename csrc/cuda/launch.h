@@ -50,11 +50,11 @@ class Queue {
         check(cudaMemsetAsync(numbers, byte, static_cast<std::size_t>(count) * sizeof(T), stream_));
     }
 
-    // `count` numbers between the memory of the host and that of the device. Numbers of the host are there at once.
+    // `count` numbers between the memory of the host and that of the device; waits until they are there.
     template <class T>
     void copy(T* to, const T* from, Index count, cudaMemcpyKind kind) const {
         check(cudaMemcpyAsync(to, from, static_cast<std::size_t>(count) * sizeof(T), kind, stream_));
-        if (kind == cudaMemcpyDeviceToHost) check(cudaStreamSynchronize(stream_));
+        check(cudaStreamSynchronize(stream_));
     }
 
     // No block is nothing to do.

@@ -20,8 +20,8 @@ constexpr int kAcross = kTexelsOfThread * block_width;  // texels that a row of 
 // Grid: blocks of texels, times blocks of outputs, which read the same texels and so lie side by side.
 template <int G, int taps>
 __global__ void __launch_bounds__(threads_per_block) layer_kernel(const __grid_constant__ LayerPass pass) {
-    constexpr int most = taps == 1 ? 64 : 8;  // inputs whose weights are shared at once
-    __shared__ float weights[most * taps * G];
+    constexpr int most = taps == 1 ? 64 : 8;                  // inputs whose weights are shared at once
+    __shared__ __align__(16) float weights[most * taps * G];  // so that four are loaded at once
     const int blocks = (pass.outputs + G - 1) / G, block = static_cast<int>(blockIdx.x % blocks);
     const int left = static_cast<int>(blockIdx.x / blocks) * kAcross + static_cast<int>(threadIdx.x);
     const int y = static_cast<int>(blockIdx.y * block_height + threadIdx.y);

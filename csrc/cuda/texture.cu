@@ -283,17 +283,20 @@ __device__ void average(const MipShape& shape, const S* level, Index n, S* out) 
     const Index row = n / channels / width, image = row / height;
     const MipTaps<float> y = mip_taps<float>(static_cast<int>(row - image * height), shape.height);
     const MipTaps<float> x = mip_taps<float>(column, shape.width);
-    // a + w (b - a) + v (c - a): equal numbers give exactly their value.
-    float columns[3];
-    for (int k = 0; k < x.count; ++k) {
+    // a + w (b - a) + v (c - a): equal numbers give exactly their value. Loops have as many rounds as there can be
+    // taps, because weights stay in registers where a constant is their index.
+    float first = 0, value = 0;
+    for (int k = 0; k < 3; ++k) {
+        if (k >= x.count) continue;
         const S* const at = level + ((image * shape.height + y.first) * shape.width + x.first + k) * channels + c;
         const Index step = Index(shape.width) * channels;
         const float a = value_of(at[0]);
-        columns[k] = a;
-        for (int l = 1; l < y.count; ++l) columns[k] += y.weights[l] * (value_of(at[l * step]) - a);
+        float column = a;
+        for (int l = 1; l < 3; ++l)
+            if (l < y.count) column += y.weights[l] * (value_of(at[l * step]) - a);
+        if (k == 0) first = value = column;
+        if (k > 0) value += x.weights[k] * (column - first);
     }
-    float value = columns[0];
-    for (int k = 1; k < x.count; ++k) value += x.weights[k] * (columns[k] - columns[0]);
     store_value(value, out + n);
 }
 
@@ -309,10 +312,12 @@ __device__ void add_averages(const MipShape& shape, const float* grad_out, Index
     const MipTaps<float> y = mip_adjoint_taps<float>(static_cast<int>(row - image * shape.height), shape.height);
     const MipTaps<float> x = mip_adjoint_taps<float>(column, shape.width);
     float sum = 0;
-    for (int k = 0; k < y.count; ++k)
-        for (int l = 0; l < x.count; ++l)
+    for (int k = 0; k < 2; ++k)
+        for (int l = 0; l < 2; ++l) {
+            if (k >= y.count || l >= x.count) continue;
             sum += y.weights[k] * x.weights[l] *
                    grad_out[((image * height + y.first + k) * width + x.first + l) * channels + c];
+        }
     grad[n] += sum;
 }
 
