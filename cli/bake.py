@@ -9,7 +9,6 @@ from typing import Annotated, Optional
 from mipbake.baking import BakeOptions, NotBaked, bake_sources
 from mipbake.base.errors import UsageError
 from mipbake.cli import options
-from mipbake.cli.bake_batch import bake_batch, suggest_recursive
 from mipbake.cli.bake_output import Printer, told
 from mipbake.cli.batch_options import BatchFlags, with_project
 from mipbake.cli.session import Session
@@ -48,6 +47,8 @@ def bake(
                 f"note: the {PROJECT} of this folder is not used, because sources are named; --config {PROJECT} uses it"
             )
     if out is None or not sources or batch.any:
+        from mipbake.cli.bake_batch import bake_batch
+
         bake_batch(session, sources or [], out, wanted, load, batch, memory)
         return
     made = bake_sources(sources, out, wanted, load, Printer(session))
@@ -55,5 +56,9 @@ def bake(
     sets = [result["ok"] for result in results if "document" not in result]
     if len(sets) > 1:
         session.print(f"{sum(sets)} of {len(sets)} sets baked")
-    suggest_recursive(session, [each for each in made if isinstance(each, NotBaked)], out)
+    failures = [each for each in made if isinstance(each, NotBaked)]
+    if failures:
+        from mipbake.cli.bake_batch import suggest_recursive
+
+        suggest_recursive(session, failures, out)
     session.results(results)

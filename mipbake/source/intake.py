@@ -7,6 +7,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from mipbake.base import disk
 from mipbake.base.errors import InputError, UsageError
@@ -21,11 +22,13 @@ from mipbake.source.images.read import IMAGE_SUFFIXES
 from mipbake.source.inputs import expand, kind
 from mipbake.source.jobs import Failure, Job, SetFiles, with_names_apart
 from mipbake.source.matches import files_of_folder, is_map, is_textures, name_of, refuse_baked
-from mipbake.source.mtlx.materials import MtlxMaterials, read_materialx
 from mipbake.source.options import LoadOptions
 from mipbake.source.split import divided, resolved
 from mipbake.source.tiles import is_pattern, pattern_files, text_of, tile_options, tiles_of
 from mipbake.source.udim import islands
+
+if TYPE_CHECKING:
+    from mipbake.source.mtlx.materials import MtlxMaterials
 
 
 def jobs(sources: Sequence[str], options: LoadOptions, scratch: Path) -> list[Job | Failure]:
@@ -76,7 +79,7 @@ def _jobs_of(path: Path, options: LoadOptions, scratch: Path, shelf: Shelf) -> S
     if what == "archive":
         return _archived(path, options, scratch, shelf)
     if what == "materialx":
-        return _materialx(path, read_materialx(path), options)
+        return _materialx(path, _read_materialx(path), options)
     if what == "gltf":
         return _gltf(path, read_document(path), options, scratch)
     if what == "file":
@@ -128,7 +131,7 @@ def _unpacked(root: Path, options: LoadOptions, scratch: Path, shelf: Shelf) -> 
         return _gltf(file, document, options, place)
 
     def materialx(file: Path) -> Sequence[Job | Failure]:
-        found = read_materialx(file, root)
+        found = _read_materialx(file, root)
         taken.update(_normal(each) for material in found.materials for each in material.files)
         return _materialx(file, found, options)
 
@@ -271,6 +274,13 @@ def _gltf(path: Path, read: Document, options: LoadOptions, scratch: Path) -> li
     ]
     noted = _noted(made, (*converted.notes, *found.notes), (*converted.warnings, *found.warnings))
     return [*noted, *(Failure(path, InputError(error)) for error in (*converted.errors, *found.errors))]
+
+
+def _read_materialx(path: Path, root: Path | None = None) -> MtlxMaterials:
+    """A MaterialX document, whose reader other sources need not load."""
+    from mipbake.source.mtlx.materials import read_materialx
+
+    return read_materialx(path, root)
 
 
 def _materialx(path: Path, found: MtlxMaterials, options: LoadOptions) -> list[Job | Failure]:

@@ -230,7 +230,8 @@ class _Halved:
 
 def _rows(indices: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
     """All of them in order, each once."""
-    return np.unique(np.concatenate([each.ravel() for each in indices]))
+    # np.unique would load numpy.ma.
+    return np.flatnonzero(np.bincount(np.concatenate([each.ravel() for each in indices])))
 
 
 def _places(rows: NDArray[np.int64], height: int) -> NDArray[np.int64]:
