@@ -203,11 +203,8 @@ def measured_lines(made: Provenance) -> list[str]:
 def _preset_lines(preset: Preset, plan: BakePlan, found: list[Job]) -> list[str]:
     """What a preset chose for these sources, and what the user has to mind."""
     outputs = plan.outputs if any(plan.writes_maps(job) for job in found) else ()
-    files = [
-        f"{o.format}{' or finer' if o.finer else ''}, packing {o.packing}, normals {_normals(o.normals)}"
-        for o in outputs
-    ]
-    files += [f"{GLB} with {output().format} in it"] if any(plan.wants_glb(job) for job in found) else []
+    files = [f"{o.format}, packing {o.packing}, normals {_normals(o.normals)}" for o in outputs]
+    files += [f"{GLB} with {output(plan.glb_texels).format} in it"] if any(plan.wants_glb(job) for job in found) else []
     written = f", {'; '.join(files)}" if files else ""
     sampler = f", sampler {plan.options.sampler}" if plan.options.sampler else ""
     return [

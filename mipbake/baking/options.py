@@ -36,7 +36,7 @@ class BakeOptions(Recipe):
     format: str | None = option(
         None,
         f"{_FORMATS}; {GLB}: the glTF source with KTX 2 textures in place of its own, or a square that shows the "
-        f"material (texels {', '.join(GLB_TEXELS)}; with rgba8, textures that lose too much as blocks have 8 bits; the "
+        f"material (texels {', '.join(GLB_TEXELS)}; with rgba8, textures are not compressed; the "
         "glTF standard does not allow these, but three.js and Babylon.js load them). The first texels named are the "
         f"default. Without texels, ktx2 and dds take the smallest that cost at most {LIMIT:g} dB.",
         metavar="FORMAT[:TEXELS],...",
@@ -88,7 +88,7 @@ class BakeOptions(Recipe):
         options = self.resolved()
         target = options.target or AUTO_TARGET
         preset = preset_named(self.preset) if self.preset else None
-        outputs, glb, finer = wanted_outputs(preset, self.format, self.packing, self.write_normals)
+        outputs, glb, texels = wanted_outputs(preset, self.format, self.packing, self.write_normals)
         if self.sidecar is not None:
             check_sidecar(self.sidecar)
             if all(output.container.name != FORMAT for output in outputs):
@@ -104,7 +104,7 @@ class BakeOptions(Recipe):
         if not for_gltf and (glb or adjustments != Adjustments()):
             what = f"format {GLB}" if glb else "--keep-level0, --strength and --min-roughness"
             raise UsageError(f"the target {target} does not go with {what}: expected {' or '.join(GLTF_MODELS)}")
-        return BakePlan(options, target, preset, outputs, glb, documents, adjustments, finer)
+        return BakePlan(options, target, preset, outputs, glb, documents, adjustments, texels)
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ class BakePlan:
         options: what it comes from, with the target and the sampler that they mean. target, preset, outputs,
             adjustments: what they mean.
         glb: whether a GLB is written. documents: whether glTF sources become a GLB, and get no files of maps.
-        finer: texels that the textures of a GLB may have in place of blocks.
+        glb_texels: of the textures of a GLB.
     """
 
     options: BakeOptions
@@ -125,7 +125,7 @@ class BakePlan:
     glb: bool
     documents: bool
     adjustments: Adjustments
-    finer: tuple[str, ...]
+    glb_texels: str
 
     @property
     def level_count(self) -> int | None:

@@ -25,13 +25,11 @@ from mipbake.source.texture_set import TextureSet
 from mipbake.source.tiles import FIRST
 from mipbake.source.udim import Mosaic
 from mipbake.stack.checking import Check
-from mipbake.stack.compression import chosen, chosen_all, part_of
 from mipbake.stack.costs import Cost
-from mipbake.stack.gltf.glb import Encoded, encoded, multiple_of_side, output
+from mipbake.stack.gltf.glb import Encoded, encoded, multiple_of_side
 from mipbake.stack.manifest import check_output, is_replaceable, is_stack_folder
-from mipbake.stack.output import GLB_TEXELS, block_warnings, check_outputs
+from mipbake.stack.output import block_warnings, check_outputs
 from mipbake.stack.presets import Preset
-from mipbake.stack.ranges import chosen_ranges
 from mipbake.stack.sidecars import FORMAT, sidecar_named
 from mipbake.stack.split_tiles import stacks_of
 from mipbake.stack.stack import Fingerprint, MipStack
@@ -179,11 +177,10 @@ def _write(
 ) -> BakedSet:
     """Writes the stack of one set, and measures what was written; `notes`: what else a user should know."""
     plan = run.plan
-    wanted = plan.outputs if plan.writes_maps(job) else ()
+    outputs = plan.outputs if plan.writes_maps(job) else ()
     with_glb = plan.wants_glb(job)
-    check = Check(texture_set, stack, partial(baking, "check"), len(wanted) + with_glb)
-    outputs = chosen_all(check.seen, stack, wanted, partial(baking, "texels"))
-    textures = _textures(job, check.seen, stack, plan, partial(baking, "encode")) if with_glb else None
+    check = Check(texture_set, stack, partial(baking, "check"), len(outputs) + with_glb)
+    textures = _textures(job, stack, plan, partial(baking, "encode")) if with_glb else None
     if textures is not None and job.document is not None:
         textures = replace(textures, measured=check.glb(textures))
         run.documents.setdefault(job.source, []).append(BakedMaterial(job, stack, textures))
@@ -234,16 +231,11 @@ def _write(
     return result
 
 
-def _textures(
-    job: Job, seen: TextureSet, stack: MipStack, plan: BakePlan, progress: Callable[[float], None]
-) -> Encoded:
-    """The textures of a GLB, with the ranges and the texels that cost the least."""
+def _textures(job: Job, stack: MipStack, plan: BakePlan, progress: Callable[[float], None]) -> Encoded:
+    """The textures of a GLB."""
     inside = replace(stack, tile=0)  # textures in a GLB have no file names to carry it
     slots, lobe = (job.bake.slots, job.bake.lobe) if job.bake else (None, BASE)
-    best = (GLB_TEXELS[0], *plan.finer)[-1]
-    ranges = chosen_ranges(seen, inside, part_of(progress, 0, 3), best)
-    texels = chosen(seen, inside, output(plan.finer), part_of(progress, 1, 3), ranges).texels
-    return encoded(inside, slots, plan.level_count, part_of(progress, 2, 3), lobe, ranges, texels)
+    return encoded(inside, slots, plan.level_count, progress, lobe, texels=plan.glb_texels)
 
 
 def _chose(preset: Preset | None, cost: Cost) -> Preset | None:

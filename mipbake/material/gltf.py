@@ -68,6 +68,41 @@ def gltf_to_gltf_anisotropic(stored: Array) -> Array:
     return np.concatenate([stored, direction], -1)
 
 
+def error_weights(stored: Array) -> tuple[Array, Array, Array]:
+    """What a small squared error of a stored channel counts in the squared error of what is shaded, up to a factor.
+
+    A lobe of the area A = alpha_x alpha_y and the reflectance F has the energy F^2 / A, since its peak is as high as
+    1 / A and it is as wide as A; diffuse light has albedo^2 / pi^2. Derivatives of the lobe: its height follows
+    alpha^-2, and a normal turns it away within an angle of alpha. Lobes that an axis stretches are told apart by A
+    alone.
+
+    Args:
+        stored: (..., C) of `gltf` or `gltf-anisotropic`.
+
+    Returns:
+        (..., C) weights; of normals, for every direction across the normal. (...,) energies, diffuse and of the lobe.
+    """
+    base, metallic, rough = stored[..., 0:3], stored[..., 3], np.maximum(stored[..., 4], MIN_ROUGHNESS)
+    alpha = np.square(rough)
+    strength = stored[..., 10] if stored.shape[-1] > 8 else np.float32(0)
+    along = alpha + (1 - alpha) * np.square(strength)
+    area = alpha * along
+    lobe = _mean_square(DIELECTRIC_F0 + (base - DIELECTRIC_F0) * metallic[..., None]) / area
+    matte = _mean_square(base) / np.pi**2
+    diffuse = matte * np.square(1 - metallic)
+    tint = (np.square(metallic) / area + np.square(1 - metallic) / np.pi**2) / 3
+    metal = _mean_square(base - DIELECTRIC_F0) / area + matte
+    parts = [*[tint] * 3, metal, 16 * lobe / alpha, *[lobe / area + diffuse / 2] * 3]
+    if stored.shape[-1] > 8:
+        parts += [*[lobe * np.square(along / alpha - 1) / 4] * 2, lobe * np.square(2 * strength * (1 - alpha) / along)]
+    return np.stack(parts, -1), diffuse, lobe
+
+
+def _mean_square(colours: Array) -> Array:
+    """(...) means of squares of (..., 3) colours."""
+    return np.asarray(np.einsum("...c,...c->...", colours, colours) / 3)
+
+
 _MAPS = (
     ModelMap("base_color", Kind.REFLECTANCE, rgb("base colour")),
     ModelMap("metallic", Kind.SHARE, ("metallic",)),

@@ -61,10 +61,10 @@ class Check:
 
     def glb(self, textures: Encoded) -> dict[str, Any]:
         """The same for the textures of a GLB, decoded."""
-        finer = next((file.container.texels for file in textures.files if file.container.texels != GLB_TEXELS[0]), "")
-        spoken = f"{GLB}:{finer}" if finer else GLB
+        texels = textures.texels
+        spoken = GLB if texels == GLB_TEXELS[0] else f"{GLB}:{texels}"
         inside = replace(self.stack, tile=0)  # textures in a GLB have no file names to carry it
-        found = cost(self.seen, inside, output(), textures.files, spoken, self._share(), textures.ranges)
+        found = cost(self.seen, inside, output(texels), textures.files, spoken, self._share(), textures.ranges)
         return self._measured(found)
 
     def _share(self) -> Callable[[float], None]:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.base.errors import UsageError
+from mipbake.source.images.blocks import Weigh
 from mipbake.source.images.file_facts import FileInfo
 from mipbake.source.images.read_back import Band
 from mipbake.source.layout import FileLayout
@@ -19,6 +20,20 @@ from mipbake.stack.mip_files import MipExr, MipPng, MipTx
 DEFAULT_FORMAT = "exr"
 
 
+class Level(Protocol):
+    """Texels of a level, which may be decoded when they are read.
+
+    Attributes:
+        shape: (H, W, C).
+    """
+
+    @property
+    def shape(self) -> tuple[int, ...]: ...
+
+    def __getitem__(self, at: Any, /) -> NDArray[np.generic]:
+        """The texels of an index of an array."""
+
+
 class Container(Protocol):
     """A way to write the levels of a file of a map, or of channels of several. Implementations are stateless.
 
@@ -26,7 +41,6 @@ class Container(Protocol):
         name: what users call it. texels: what they call the texels. summary: one line for help texts.
         encodings: of `mipbake.source.layout`, that it can hold.
         exact: whether quantised texels come back as they were, or compressed.
-        ladder: texels from the smallest to the most precise, to choose from where users name none; empty: no choice.
         complete: whether files always hold every level down to 1 x 1.
         signature: how its files begin, by which `info` is found for them; empty: OpenImageIO reads them.
     """
@@ -36,7 +50,6 @@ class Container(Protocol):
     summary: str
     encodings: frozenset[str]
     exact: bool
-    ladder: tuple[str, ...]
     complete: bool
     signature: bytes
 
@@ -59,9 +72,6 @@ class Container(Protocol):
     def dequantise(self, texels: NDArray[np.generic]) -> NDArray[np.floating]:
         """Inverse of quantise, to file values."""
 
-    def decoded(self, layout: FileLayout, levels: Sequence[NDArray[np.generic]]) -> list[NDArray[np.generic]]:
-        """What would be read back if quantised levels were written."""
-
     def write(
         self,
         folder: Path,
@@ -69,12 +79,14 @@ class Container(Protocol):
         levels: Sequence[NDArray[np.generic]],
         wrap: tuple[str, str],
         about: str,
+        weigh: Weigh | None = None,
     ) -> None:
         """Writes quantised levels, each (H_L, W_L, C), finest first, and `about`, JSON that tells how they were made,
-        where there is a place for it. OutputError when that fails; containers that compress compare what was written.
+        where there is a place for it. OutputError when that fails; containers that compress compare what was written,
+        and choose blocks by what `weigh` says that errors of their texels count.
         """
 
-    def read(self, folder: Path, layout: FileLayout, sizes: Sequence[tuple[int, int]]) -> list[NDArray[np.generic]]:
+    def read(self, folder: Path, layout: FileLayout, sizes: Sequence[tuple[int, int]]) -> Sequence[Level]:
         """Reads what write wrote: a level of (H_L, W_L, C) for each (height, width). InputError when that fails."""
 
     def bands(self, folder: Path, layout: FileLayout, sizes: Sequence[tuple[int, int]]) -> Iterator[Band]:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from mipbake.stack.containers import Container, format_named
-from mipbake.stack.output import GLB
+from mipbake.stack.output import GLB, GLB_TEXELS
 from mipbake.stack.presets import Preset
 from mipbake.stack.written import SPOKEN, Written
 
-LIMIT = 0.3
-"""dB of the shaded result's SNR that files may cost before better texels are chosen, or a warning says so."""
+LIMIT = 0.5
+"""dB of the shaded result's SNR that files may cost before a warning says so, and what prevents it."""
 
 COVERAGE_LIMIT = 0.02
 """Change of the share of texels that pass an alpha test that a warning says."""
@@ -55,6 +55,8 @@ class Cost:
         loss: pair set to how many dB the SNR of the shaded result against the reference falls, in the mean over `LODS`;
             negative where rounding happens to help.
         texels: file to what its texels are stored as.
+        gpu_bytes: texels of the format to what all files take, or would take, of a graphics card's memory; empty for
+            formats that are not made for one.
         coverage: of the opacity; None where none is tested.
         written: what the files give back, at every level and between them; None where that was not measured.
     """
@@ -63,6 +65,7 @@ class Cost:
     psnr: Mapping[str, float]
     loss: Mapping[str, float]
     texels: Mapping[str, str]
+    gpu_bytes: Mapping[str, int] = field(default_factory=dict)
     coverage: Coverage | None = None
     written: Written | None = None
 
@@ -96,23 +99,22 @@ class Cost:
         format, _, texels = self.format.partition(":")
         if self.worst <= LIMIT:
             return None
-        if format == GLB and texels:
-            advice = "plain --format ktx2 beside it chooses more precise texels"
-        elif format == GLB:
-            advice = "--format glb:rgba8 writes texels that three.js and Babylon.js load"
-            advice = (
-                preset.no_finer if preset and preset.no_finer else f"the glTF standard allows no other texels; {advice}"
-            )
+        if format == GLB:
+            better = f"{GLB}:{GLB_TEXELS[-1]}" if texels != GLB_TEXELS[-1] else None
+            advice = "the glTF standard allows no other texels; three.js and Babylon.js load --format "
         else:
             better = format_named(self.format).finer
-            if better is None:
-                return None
-            advice = _advice(better, preset)
+            advice = "where the engine takes it, use --format "
+        if better is None:
+            return None
         where = SPOKEN[max(self.loss, key=self.loss.__getitem__)]
-        return (
-            f"{self.format} costs {self.worst:.1f} dB ({where}) of the shaded result's SNR, which is more than "
-            f"{LIMIT:g}: {advice}"
-        )
+        advice = preset.no_finer if preset and preset.no_finer else f"{advice}{better}{self._bytes(better)}"
+        return f"{self.format} costs {self.worst:.1f} dB ({where}) of the shaded result's SNR: {advice}"
+
+    def _bytes(self, better: str) -> str:
+        """What that takes of a graphics card's memory in place of what this takes."""
+        now, then = (self.gpu_bytes.get(name.partition(":")[2] or GLB_TEXELS[0]) for name in (self.format, better))
+        return "" if now is None or then is None else f" ({then / 1e6:.1f} in place of {now / 1e6:.1f} MB on the card)"
 
     def _of_coverage(self, preset: Preset | None) -> str | None:
         found = self.coverage

@@ -14,12 +14,12 @@ from mipbake.base import disk
 from mipbake.base.errors import InputError, OutputError
 from mipbake.base.version import __version__
 from mipbake.source.images import dds, ktx2
-from mipbake.source.images.blocks import from_blocks, to_blocks, widened
+from mipbake.source.images.blocks import StoredLevel, Weigh, levels_of, to_blocks
 from mipbake.source.images.file_facts import FileInfo, colour_space, told
 from mipbake.source.images.gpu_format import GPU_FORMATS, GpuFormat, GpuTexture, level_size
 from mipbake.source.images.image_files import ABOUT
-from mipbake.source.images.quantise import dequantised, quantised
-from mipbake.source.images.read_back import Band, whole_levels
+from mipbake.source.images.quantise import check_fits, dequantised, quantised
+from mipbake.source.images.read_back import Band
 from mipbake.source.layout import ENCODINGS, LOG, FileLayout
 
 _BC = ("BC4_UNORM_BLOCK", "BC5_UNORM_BLOCK", "BC7_UNORM_BLOCK", "BC7_UNORM_BLOCK")
@@ -34,9 +34,6 @@ _FORMATS = {
     ),
 }
 """The format of a file with one, two, three and four channels, by the name that users give."""
-
-
-_LADDER: tuple[str, ...] = ("bc", "rgba8", "rgba16f")
 
 
 @dataclass(frozen=True)
@@ -119,7 +116,7 @@ class GpuFile:
     def __init__(self, container: GpuContainer, texels: str) -> None:
         self._container = container
         self.name, self.texels = container.name, texels
-        self.summary, self.ladder = container.summary, _LADDER
+        self.summary = container.summary
         self.signature, self.info = container.signature, container.info
         stored = GPU_FORMATS[_FORMATS[texels][0]]
         self.exact = stored.side == 1
@@ -133,6 +130,11 @@ class GpuFile:
         if self.texels in better:
             return f"{self.name}:{better[self.texels]}"
         return "exr:float" if self.texels == "rgba16f" else self.name
+
+    def gpu_bytes(self, layout: FileLayout, sizes: Sequence[tuple[int, int]]) -> int:
+        """How much of a graphics card's memory a file takes with levels of (height, width)."""
+        made = self.gpu_format(layout)
+        return sum(made.level_size(width, height) for height, width in sizes)
 
     def gpu_format(self, layout: FileLayout) -> GpuFormat:
         """What the texels of a file are stored as."""
@@ -155,8 +157,12 @@ class GpuFile:
         return [f"{layout.name}.{self.name}"]
 
     def quantise(self, values: NDArray[np.float64], layout: FileLayout) -> NDArray[np.generic]:
-        """See Container."""
-        return quantised(values, self._kind, f"the map {layout.name}")
+        """See Container. Texels of blocks are not rounded: the numbers that a block can hold depend on the block."""
+        what = f"the map {layout.name}"
+        if self.exact:
+            return quantised(values, self._kind, what)
+        check_fits(values, self._kind, what)
+        return np.clip(values, 0, 1).astype(np.float32)
 
     def dequantise(self, texels: NDArray[np.generic]) -> NDArray[np.floating]:
         """See Container."""
@@ -169,10 +175,11 @@ class GpuFile:
         levels: Sequence[NDArray[np.generic]],
         wrap: tuple[str, str],
         about: str,
+        weigh: Weigh | None = None,
     ) -> None:
         """See Container."""
         del wrap  # neither container has a place for it; `about` tells
-        texture = self.texture(layout, levels, about)
+        texture = self.texture(layout, levels, about, weigh)
         path = folder / self.files(layout, len(levels))[0]
         path.write_bytes(self._container.encode(texture))
         found = self._opened(path)
@@ -181,8 +188,10 @@ class GpuFile:
         ):
             raise OutputError(f"{path} changed while it was written: check the disk")
 
-    def texture(self, layout: FileLayout, levels: Sequence[NDArray[np.generic]], about: str) -> GpuTexture:
-        """The encoded texture of a map, from quantised levels."""
+    def texture(
+        self, layout: FileLayout, levels: Sequence[NDArray[np.generic]], about: str, weigh: Weigh | None = None
+    ) -> GpuTexture:
+        """The encoded texture of a map, from quantised levels; `weigh`: see Container.write."""
         made = self.gpu_format(layout)
         height, width = levels[0].shape[:2]
         swizzle = {"KTXswizzle": b"rrr1\0"} if len(layout.channels) == 1 else {}
@@ -192,10 +201,10 @@ class GpuFile:
             ABOUT: about.encode() + b"\0",
             **(swizzle if made.channels == 1 else {}),
         }
-        return GpuTexture(made, width, height, to_blocks(levels, made), values)
+        return GpuTexture(made, width, height, to_blocks(levels, made, weigh), values)
 
-    def read(self, folder: Path, layout: FileLayout, sizes: Sequence[tuple[int, int]]) -> list[NDArray[np.generic]]:
-        """See Container."""
+    def read(self, folder: Path, layout: FileLayout, sizes: Sequence[tuple[int, int]]) -> list[StoredLevel]:
+        """See Container: levels are decoded when they are read."""
         path = folder / self.files(layout, len(sizes))[0]
         texture = self._opened(path)
         expected = self.gpu_format(layout)
@@ -206,17 +215,12 @@ class GpuFile:
                 f"{texture.height}, expected {len(sizes)} of {expected.name}, the first {sizes[0][1]} x {sizes[0][0]}: "
                 "bake it again"
             )
-        return [level[..., : len(layout.channels)] for level in from_blocks(texture)]
+        return levels_of(texture, len(layout.channels))
 
     def bands(self, folder: Path, layout: FileLayout, sizes: Sequence[tuple[int, int]]) -> Iterator[Band]:
-        """See Container: levels as a whole."""
-        return whole_levels(self.read(folder, layout, sizes))
-
-    def decoded(self, layout: FileLayout, levels: Sequence[NDArray[np.generic]]) -> list[NDArray[np.generic]]:
-        """See Container."""
-        if self.exact:
-            return [widened(level, len(layout.channels)) for level in levels]
-        return [level[..., : len(layout.channels)] for level in from_blocks(self.texture(layout, levels, ""))]
+        """See Container: levels as a whole, and of blocks, which have been compared as they are, none."""
+        levels = self.read(folder, layout, sizes)
+        return (Band(i, slice(0, level.shape[0]), level[...]) for i, level in enumerate(levels) if self.exact)
 
     def _opened(self, path: Path) -> GpuTexture:
         return self._container.decode(disk.read_bytes(path), str(path))

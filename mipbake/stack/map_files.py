@@ -20,7 +20,8 @@ from mipbake.base.messages import listed
 from mipbake.base.publish import IsOurs, check_room, is_companion, published
 from mipbake.base.threads import on_threads
 from mipbake.source.layout import COLOUR, FLIPPED, INVERTED, SIGNED, FileChannel, FileLayout, from_file, to_file
-from mipbake.stack.containers import Container
+from mipbake.stack.block_weights import BlockWeights
+from mipbake.stack.containers import Container, Level
 
 Levels: TypeAlias = list[NDArray[np.float32]]
 Texels: TypeAlias = Sequence[NDArray[np.generic]]
@@ -36,12 +37,14 @@ CONVENTIONS = {
 @dataclass(frozen=True, eq=False)
 class MapFile:
     """A file to be written, or one that was: how, what its channels are, and its levels, (H_L, W_L, channels) each,
-    finest first. They may be views of a stack, or `GivenBack`.
+    finest first. They may be views of a stack, or `GivenBack`. `weights`: what errors count, for containers that
+    compress; None: all the same.
     """
 
     container: Container
     layout: FileLayout
     levels: Sequence[NDArray[np.float32]]
+    weights: BlockWeights | None = None
 
     def __repr__(self) -> str:
         """A description in one line."""
@@ -144,7 +147,7 @@ def write_files(
         errors: list[float] = []
         quantised = [_quantised(level, file, errors.append) for level in file.levels]
         try:
-            file.container.write(folder, file.layout, quantised, wrap, about)
+            file.container.write(folder, file.layout, quantised, wrap, about, file.weights)
             _verify(folder, file, quantised)
         except InputError as error:
             name, first = file.layout.name, file.container.files(file.layout, len(quantised))[0]
@@ -179,11 +182,11 @@ def read_files(container: Callable[[str], Container], folder: Path, entries: Map
         layout = FileLayout(name, channels, bool(entry["shades"]))
         stored = container(str(entry["texels"]))
         sizes = [(int(size["height"]), int(size["width"])) for size in entry["levels"]]
-        files.append(MapFile(stored, layout, _stored(stored, layout, stored.read(folder, layout, sizes))))
+        files.append(MapFile(stored, layout, given_back(stored, layout, stored.read(folder, layout, sizes))))
     return files
 
 
-def _stored(container: Container, layout: FileLayout, texels: Texels) -> GivenBack:
+def given_back(container: Container, layout: FileLayout, texels: Sequence[Level]) -> GivenBack:
     """What the texels stand for that were read from a file."""
     return GivenBack(container, layout, len(texels), lambda level, at: texels[level][at])
 

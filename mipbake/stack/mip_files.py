@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.base.errors import InputError
+from mipbake.source.images.blocks import Weigh
 from mipbake.source.images.image_files import ABOUT, write_image
 from mipbake.source.images.oiio_levels import PlainTexels, reader, specification, take, take_all, take_bands
 from mipbake.source.images.read_back import Band
@@ -46,8 +47,10 @@ class _AllLevels(PlainTexels):
         levels: Sequence[NDArray[np.generic]],
         wrap: tuple[str, str],
         about: str,
+        weigh: Weigh | None = None,
     ) -> None:
         """See Container."""
+        del weigh  # texels are rounded one by one
 
         def described(level: NDArray[np.generic]) -> OpenImageIO.ImageSpec:
             spec = specification(layout, level, self.stored, wrap)
@@ -179,8 +182,10 @@ class MipPng(PlainTexels):
         levels: Sequence[NDArray[np.generic]],
         wrap: tuple[str, str],
         about: str,
+        weigh: Weigh | None = None,
     ) -> None:
         """See Container."""
+        del weigh  # texels are rounded one by one
         for index, (name, level) in enumerate(zip(self.files(layout, len(levels)), levels, strict=True)):
             spec = specification(layout, level, self.stored, wrap)
             # Data maps get no gamma chunk at all: a viewer must not touch them.

@@ -9,6 +9,7 @@ from mipbake.base.errors import UsageError
 from mipbake.source.images.quantise import fits
 from mipbake.source.layout import ENCODINGS, LAYOUTS, FileLayout, to_file
 from mipbake.source.tiles import name_without, names_tile
+from mipbake.stack.block_weights import BlockWeights
 from mipbake.stack.containers import DEFAULT_FORMAT, FORMATS, Container, format_named
 from mipbake.stack.map_files import Levels, MapFile, row_blocks
 from mipbake.stack.packing import SEPARATE, SOURCE, Normals, pack
@@ -29,9 +30,6 @@ class Output:
         normals: how normal maps are written.
         naming: pattern of file names: {set} is the set's name, {file} the file's.
         names: what {file} is for a file of a packing or a map, where that is not its own name.
-        texels: file name to texels, for files that shall have others than `format` says.
-        finer: texels that files may be given in place of the texels of `format` where these cost too much, each more
-            precise than the one before.
     """
 
     format: str = DEFAULT_FORMAT
@@ -39,12 +37,10 @@ class Output:
     normals: Normals = field(default_factory=Normals)
     naming: str = "{file}"
     names: Mapping[str, str] = field(default_factory=dict)
-    texels: Mapping[str, str] = field(default_factory=dict)
-    finer: tuple[str, ...] = ()
 
     @property
     def container(self) -> Container:
-        """The container of all files except the files that `texels` names."""
+        """The container of the files, unless `planned` finds that their values or sides want another one."""
         return format_named(self.format)
 
 
@@ -90,14 +86,15 @@ def planned(output: Output, content: MipStack, levels: int | None = None, beside
     for packed, chain in pack(content.maps(), packing, content.source_files, output.normals, content.wrap):
         named = replace(packed, name=_name(output, content.name, packed, content.tile))
         container = output.container
-        if packed.name in output.texels:
-            container = FORMATS[container.name][output.texels[packed.name]]
-        elif output.format == container.name and not whole_blocks(chain):
+        if output.format == container.name and not whole_blocks(chain):
             container = _without_blocks(container)
         container = _fitting(container, named, chain)
         if beside and not packed.shades and container.encodings != ENCODINGS and not _fits(container, named, chain):
             continue
-        files.append(MapFile(container, named, chain if container.complete else chain[:levels]))
+        weights = None
+        if not container.exact and packed.shades:
+            weights = BlockWeights(content.model, content.levels, packed, container.srgb(packed), {})
+        files.append(MapFile(container, named, chain if container.complete else chain[:levels], weights))
     return files
 
 
@@ -125,7 +122,7 @@ def block_warnings(outputs: Sequence[Output], content: MipStack, names_texels: b
         container = output.container
         size = f"files of {' x '.join(map(str, odd[0]))} texels"
         plain = f"{container.name}:{_without_blocks(container).texels}"
-        if container.exact or not container.ladder:
+        if container.exact:
             continue
         if output.format == container.name:
             said.append(
@@ -142,8 +139,7 @@ def block_warnings(outputs: Sequence[Output], content: MipStack, names_texels: b
 
 def _without_blocks(container: Container) -> Container:
     """The container with the smallest texels that are not compressed."""
-    plain = (FORMATS[container.name][texels] for texels in container.ladder)
-    return next((each for each in plain if each.exact), container)
+    return next(each for each in FORMATS[container.name].values() if each.exact)
 
 
 def _fitting(container: Container, layout: FileLayout, levels: Levels) -> Container:

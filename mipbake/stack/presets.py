@@ -89,7 +89,7 @@ _ALL = (
     Preset(
         "three",
         "three.js",
-        (Output("ktx2:uastc", "orm", OPENGL, _SET_FILE, _GLTF_NAMES, finer=("rgba8", "rgba16f")),),
+        (Output("ktx2:uastc", "orm", OPENGL, _SET_FILE, _GLTF_NAMES),),
         anisotropic=True,
         documents=True,
         sides="multiples of 4",
@@ -136,14 +136,14 @@ _ALL = (
     Preset(
         "godot",
         "Godot",
-        (Output("dds:bc", "orm", OPENGL_XY, _SET_FILE, _GODOT_NAMES, finer=("rgba8", "rgba16f")),),
+        (Output("dds:bc", "orm", OPENGL_XY, _SET_FILE, _GODOT_NAMES),),
         sides="powers of two",
         notes=("switch the screen-space roughness limiter off: it counts bumps twice",),
     ),
     Preset(
         "bevy",
         "Bevy",
-        (Output("ktx2:bc", "orm", OPENGL, _SET_FILE, _GLTF_NAMES, finer=("rgba8", "rgba16f")),),
+        (Output("ktx2:bc", "orm", OPENGL_XY, _SET_FILE, _GLTF_NAMES),),
         sides="multiples of 4",
         notes=("set metallic and perceptual_roughness to 1, and the address modes of the sampler to Repeat",),
     ),
@@ -186,9 +186,9 @@ def wanted_outputs(
     format: str | None = None,
     packing: str | None = None,
     write_normals: str | None = None,
-) -> tuple[tuple[Output, ...], bool, tuple[str, ...]]:
+) -> tuple[tuple[Output, ...], bool, str]:
     """The outputs of a preset with what the user wants otherwise, or the outputs for formats; whether a GLB is wanted;
-    and the texels that its textures may have in place of blocks.
+    and the texels of its textures.
 
     Args:
         preset: what is meant where nothing else is said.
@@ -225,9 +225,9 @@ def wanted_outputs(
         raise UsageError(f"format {GLB} has a packing and normals of its own: leave --packing and --write-normals out")
     if format is not None or not outputs:
         model = outputs[0] if outputs else Output()
-        outputs = tuple(replace(model, format=name, finer=()) for name in others)
+        outputs = tuple(replace(model, format=name) for name in others)
     if packing is not None:
         outputs = tuple(replace(each, packing=packing) for each in outputs)
     if write_normals is not None:
         outputs = tuple(replace(each, normals=replace(each.normals, convention=write_normals)) for each in outputs)
-    return outputs, glb, (texels,) if texels in GLB_TEXELS[1:] else ()
+    return outputs, glb, texels or GLB_TEXELS[0]

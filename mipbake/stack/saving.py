@@ -32,7 +32,7 @@ from mipbake.stack.manifest import (
 )
 from mipbake.stack.map_files import MapFile, listed_files, save_maps, write_files
 from mipbake.stack.measured import measured_from
-from mipbake.stack.output import GLB, Output, check_outputs, planned
+from mipbake.stack.output import GLB, GLB_TEXELS, Output, check_outputs, planned
 from mipbake.stack.packing import unpacked
 from mipbake.stack.presets import preset_named, wanted_outputs
 from mipbake.stack.sidecars import FORMAT, check_sidecar, sidecar_named
@@ -55,11 +55,11 @@ def save(
     sidecar: str | None,
 ) -> list[Path]:
     """What `MipStack.save` does, which says what the arguments are."""
-    outputs, wants_glb = _wanted(stack, format, preset)
+    outputs, texels = _wanted(stack, format, preset)
     check_outputs(outputs, stack.model)
     check_output(place, None if known else stack.provenance.sources)
-    if wants_glb and glb is None:
-        glb = encoded(replace(stack, tile=0), None, levels)
+    if texels is not None and glb is None:
+        glb = encoded(replace(stack, tile=0), None, levels, texels=texels)
     plans = [(output, planned(output, stack, levels, len(outputs) > 1)) for output in outputs]
     write_all = write_files([file for _, files in plans for file in files], stack.wrap, stack.about(), progress)
 
@@ -98,8 +98,8 @@ def _write_glb(stack: MipStack, folder: Path, glb: Encoded, measured: Check | No
 
 def _wanted(
     stack: MipStack, format: str | Sequence[Output] | None, preset: str | None
-) -> tuple[tuple[Output, ...], bool]:
-    """What `save` writes, and whether a GLB is."""
+) -> tuple[tuple[Output, ...], str | None]:
+    """What `save` writes, and the texels of a GLB; None where none is written."""
     engine = None if preset is None else preset_named(preset)
     if engine is not None:
         height, width = stack.size
@@ -111,20 +111,15 @@ def _wanted(
             )
         if not (format is None or isinstance(format, str)):
             raise UsageError("outputs and a preset were both given: expected one of the two")
-        outputs, glb, finer = wanted_outputs(engine, format)
+        outputs, glb, texels = wanted_outputs(engine, format)
         blocks = any(not output.container.exact for output in outputs)
         for sentence in [*engine.check(width, height, blocks), *engine.check_sampler(stack.provenance.sampler)]:
             warnings.warn(sentence, stacklevel=4)
     elif format is None or isinstance(format, str):
-        outputs, glb, finer = wanted_outputs(None, format)
+        outputs, glb, texels = wanted_outputs(None, format)
     else:
-        outputs, glb, finer = tuple(format), False, ()
-    if finer:
-        raise UsageError(
-            f"format {GLB}:{finer[0]} chooses texels by what they cost, which takes the source: bake it on the "
-            f"command line, or save {GLB}"
-        )
-    return outputs, glb
+        outputs, glb, texels = tuple(format), False, GLB_TEXELS[0]
+    return outputs, texels if glb else None
 
 
 def _write_sidecar(

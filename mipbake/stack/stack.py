@@ -182,9 +182,8 @@ class MipStack:
             glb: textures of the GLB that is written, from `mipbake.stack.gltf.glb.encoded`; None for those that suit
                 most stacks, where `format` asks for a GLB.
             preset: a name in `mipbake.stack.presets.PRESETS`: an engine, whose formats, packing, normals and names are
-                written. The first texels that it names are taken: to choose more precise ones takes the source, see
-                `mipbake.stack.compression.chosen_all`. Warns where the engine needs other sides than the stack's, and
-                where the stack was made for another sampler than the engine's.
+                written. Warns where the engine needs other sides than the stack's, and where the stack was made for
+                another sampler than the engine's.
             measured: measures every output as it was read back, before the folder appears: `mipbake.Check` of the
                 texture set and this stack. What it finds becomes `measured` of the output in stack.json, and stands in
                 the GLB. None measures nothing.

@@ -44,7 +44,6 @@ class PlainTexels:
 
     name: str
     exact = True
-    ladder: tuple[str, ...] = ()
     signature = b""
 
     def __init__(self, texels: str) -> None:
@@ -80,11 +79,6 @@ class PlainTexels:
     def dequantise(self, texels: NDArray[np.generic]) -> NDArray[np.floating]:
         """See Container."""
         return dequantised(texels)
-
-    def decoded(self, layout: FileLayout, levels: Sequence[NDArray[np.generic]]) -> list[NDArray[np.generic]]:
-        """See Container."""
-        del layout
-        return list(levels)
 
     def bands(self, folder: Path, layout: FileLayout, sizes: Sequence[tuple[int, int]]) -> Iterator[Band]:
         """See Container: levels as a whole."""

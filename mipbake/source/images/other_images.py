@@ -110,7 +110,10 @@ def pixels_of(data: bytes, path: Path) -> NDArray[np.generic]:
 
 
 def _finest(texture: GpuTexture) -> NDArray[np.generic]:
-    return from_blocks(replace(texture, levels=texture.levels[:1]))[0]
+    texels = from_blocks(replace(texture, levels=texture.levels[:1]))[0]
+    if texels.dtype != np.float32:
+        return texels
+    return (np.asarray(texels, np.float32) * np.float32(255) + np.float32(0.5)).astype(np.uint8)
 
 
 def _alpha(channels: int) -> int:

@@ -32,12 +32,7 @@ def quantised(values: NDArray[np.float64], kind: str, what: str) -> NDArray[np.g
                 "map down"
             )
         return values.astype(KINDS[kind])
-    if not fits(values, most):
-        low, high = float(values.min()), float(values.max())
-        outside = low if low < -0.5 / most else high
-        raise UsageError(
-            f"texels of {kind} bits cannot hold {what}: it has the value {outside:g}, outside 0 to 1, use format exr"
-        )
+    check_fits(values, kind, what)
     return np.floor(np.clip(values, 0, 1) * most + 0.5).astype(KINDS[kind])
 
 
@@ -46,6 +41,17 @@ def dequantised(texels: NDArray[np.generic]) -> NDArray[np.floating]:
     if texels.dtype.kind == "f":
         return texels.astype(np.float32)
     return texels.astype(np.float64) / (255.0 if texels.dtype == np.uint8 else 65535.0)
+
+
+def check_fits(values: NDArray[np.float64], kind: str, what: str) -> None:
+    """UsageError for a value outside 0 to 1, where integers of a kind are to hold it; see `quantised`."""
+    most = _MOST[kind]
+    if not fits(values, most):
+        low, high = float(values.min()), float(values.max())
+        outside = low if low < -0.5 / most else high
+        raise UsageError(
+            f"texels of {kind} bits cannot hold {what}: it has the value {outside:g}, outside 0 to 1, use format exr"
+        )
 
 
 def fits(values: NDArray[np.float64], most: float = 255) -> bool:

@@ -24,20 +24,18 @@ from mipbake.source.gltf.materials import GltfBake
 from mipbake.source.gltf.plain import SIDE, PlainTexture
 from mipbake.source.gltf.slots import ANISOTROPIC, BASE, BASE_COLOUR, EMISSIVE, Lobe
 from mipbake.source.images import ktx2
-from mipbake.source.images.blocks import from_blocks
+from mipbake.source.images.blocks import levels_of
 from mipbake.source.options import CARRIED, SHADING_ROLES
 from mipbake.source.texture_set import TextureSet
 from mipbake.stack.gltf.glb_plain import PlainCost, averaged_files
 from mipbake.stack.gltf.quad import standalone
-from mipbake.stack.gltf.ranges import Ranges, usual_ranges
+from mipbake.stack.gltf.ranges import Ranges, ranges_of
 from mipbake.stack.gltf.write import GltfResult, rewritten
 from mipbake.stack.gpu_files import KTX2, GpuFile
-from mipbake.stack.map_files import MapFile, quantised_levels, stood_for
+from mipbake.stack.map_files import MapFile, given_back, quantised_levels
 from mipbake.stack.output import GLB, GLB_TEXELS, Output, planned
 from mipbake.stack.packing import Normals
 from mipbake.stack.stack import Fingerprint, MipStack
-
-_OUTPUT = Output(f"ktx2:{GLB_TEXELS[0]}", "orm", Normals("opengl"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +47,7 @@ class Encoded:
         files: the same decoded, as they will be sampled, before factors of the material multiply them.
         left_out: which maps of the stack are in no texture, in sentences.
         ranges: those factors.
+        texels: one of `GLB_TEXELS`.
         measured: what the files give back, as `mipbake.Check.glb` returns it; None where that was not measured.
     """
 
@@ -56,6 +55,7 @@ class Encoded:
     files: tuple[MapFile, ...]
     left_out: tuple[str, ...]
     ranges: Ranges = field(default_factory=Ranges)
+    texels: str = GLB_TEXELS[0]
     measured: Mapping[str, Any] | None = None
 
 
@@ -66,7 +66,7 @@ def encoded(
     progress: Callable[[float], None] = lambda _share: None,
     lobe: Lobe = BASE,
     ranges: Ranges | None = None,
-    texels: Mapping[str, str] | None = None,
+    texels: str = GLB_TEXELS[0],
 ) -> Encoded:
     """The textures of a stack of `gltf` or `gltf-anisotropic`.
 
@@ -76,8 +76,8 @@ def encoded(
         levels: how many of each texture; None for all.
         progress: gets the finished share, from 0 to 1.
         lobe: of the material, whose slots are filled.
-        ranges: of the values in them; None for those that suit most stacks.
-        texels: of files of the stack that shall have others than `uastc`, by name.
+        ranges: of the values in them; None for those of `ranges_of`.
+        texels: of the textures, one of `GLB_TEXELS`.
 
     Raises:
         UsageError: another model, or other sides.
@@ -85,15 +85,15 @@ def encoded(
     if stack.model not in GLTF_MODELS:
         raise UsageError(f"format {GLB} cannot hold the model {stack.model}: expected {' or '.join(GLTF_MODELS)}")
     if ranges is None:
-        ranges = usual_ranges(stack.levels, stack.model)
+        ranges = ranges_of(stack.levels, stack.model)
+
+    container = GpuFile(KTX2, texels)
 
     def encode(file: MapFile) -> tuple[bytes, MapFile]:
-        container = GpuFile(KTX2, (texels or {}).get(file.layout.name, GLB_TEXELS[0]))
-        texture = container.texture(file.layout, quantised_levels(file), stack.about())
+        texture = container.texture(file.layout, quantised_levels(file), stack.about(), file.weights)
         data = ktx2.encoded(texture, supercompress=True)
-        found = [level[..., : len(file.layout.channels)] for level in from_blocks(texture)]
-        levels = [stood_for(level, container, file.layout) for level in found]
-        return data, replace(file, container=container, levels=levels)
+        found = levels_of(texture, len(file.layout.channels))
+        return data, replace(file, levels=given_back(container, file.layout, found))
 
     slot_named = {
         "base_color": BASE_COLOUR,
@@ -104,10 +104,10 @@ def encoded(
     }
     wanted = {
         slot: ranges.stored(file)
-        for file in planned(_OUTPUT, stack, levels)
+        for file in planned(output(texels), stack, levels)
         if (slot := slot_named.get(file.layout.name)) is not None
         and (slots is None or slot in slots)
-        and file.container.texels == GLB_TEXELS[0]
+        and file.container.texels == texels
     }
     for file in wanted.values():
         height, width = file.levels[0].shape[:2]
@@ -122,7 +122,7 @@ def encoded(
             made[slot] = each
             progress(len(made) / len(wanted))
     files = tuple(file for _, file in made.values())
-    return Encoded({slot: data for slot, (data, _) in made.items()}, files, _left_out(stack, files), ranges)
+    return Encoded({slot: data for slot, (data, _) in made.items()}, files, _left_out(stack, files), ranges, texels)
 
 
 def _left_out(stack: MipStack, files: Sequence[MapFile]) -> tuple[str, ...]:
@@ -137,9 +137,9 @@ def _left_out(stack: MipStack, files: Sequence[MapFile]) -> tuple[str, ...]:
     )
 
 
-def output(finer: Sequence[str] = ()) -> Output:
-    """How maps lie in the textures of a GLB. `finer`: texels that they may have in place of blocks."""
-    return replace(_OUTPUT, finer=tuple(finer))
+def output(texels: str = GLB_TEXELS[0]) -> Output:
+    """How maps lie in the textures of a GLB."""
+    return Output(f"{KTX2.name}:{texels}", "orm", Normals("opengl"))
 
 
 def square(stack: MipStack, made: Encoded, cutoff: float | None) -> bytes:

@@ -100,9 +100,9 @@ def _pixels(images: Images, texture: PlainTexture) -> Image:
 
 
 def _psnr(made: GpuTexture, wanted: NDArray[np.generic]) -> float:
-    """Of level 0 of a texture, which has been made of texels of 8 bits."""
+    """Of level 0 of a texture, which has been made of texels from 0 to 1."""
     (found,) = from_blocks(replace(made, levels=made.levels[:1]))
-    error = np.subtract(found[..., : wanted.shape[-1]], wanted, dtype=np.float32) / np.float32(255)
+    error = np.subtract(found[..., : wanted.shape[-1]], wanted, dtype=np.float32)
     mean = float(np.square(error).mean(dtype=np.float64))
     return float("inf") if mean == 0 else float(-10 * np.log10(mean))
 

@@ -30,6 +30,7 @@ from mipbake.source.gltf.slots import (
 )
 from mipbake.source.images import ktx2
 from mipbake.source.images.blocks import from_blocks
+from mipbake.source.images.quantise import dequantised
 from mipbake.source.jobs import Job
 from mipbake.source.texture_set import TextureSet, source_model
 from mipbake.stack.stack import MipStack, Provenance
@@ -141,8 +142,7 @@ class _Reader:
         texture = ktx2.decoded(data, what)
         if texture.format.srgb != (PLACES[slot].holds == COLOUR) or texture.format.channels < 3:
             raise InputError(f"{what} is {texture.format.name}: expected what `mipbake bake` wrote")
-        scale = 1.0 if texture.format.is_float else 255.0
-        texels = (np.asarray(level[..., :3], np.float32) / np.float32(scale) for level in from_blocks(texture))
+        texels = (np.asarray(dequantised(level[..., :3]), np.float32) for level in from_blocks(texture))
         return [np.asarray(srgb_to_linear(each) if texture.format.srgb else each, np.float32) for each in texels]
 
     def number(self, holder: Json, name: str, default: float, most: float = 1e6) -> float:

@@ -21,7 +21,7 @@ show it."""
 
 _LEAST_Z = 0.05  # slopes of steeper normals are held there
 _LEAST_FACTOR = 1 / 255  # a step of eight bits: not tuned
-_USUAL_SHARE = 0.9  # share of slopes within the scale: the best of the tried shares for all sets (benchmarks)
+_SHARE = 0.97  # of slopes within the scale
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,9 @@ class Ranges:
 
     def stored(self, file: MapFile) -> MapFile:
         """A file with the values that its texture holds, from a file with the values that are meant."""
-        return self._changed(file, np.divide, unit=True)
+        made = self._changed(file, np.divide, unit=True)
+        factors = {"normal": self.normal, "roughness": self.roughness}
+        return replace(made, weights=made.weights and replace(made.weights, factors=factors))
 
     def shown(self, file: MapFile) -> MapFile:
         """A file with the values that a material shows, from a file with the values that its texture holds.
@@ -67,26 +69,20 @@ class Ranges:
         return replace(file, levels=levels)
 
 
-def usual_ranges(levels: Levels, model: str) -> Ranges:
-    """Ranges for the levels of a stack of `gltf` or `gltf-anisotropic` that nobody measures.
-
-    Nine tenths of the slopes of its normals lie within the scale, and the highest roughness becomes 1.
-    """
-    return Ranges(scale_within(levels, model, _USUAL_SHARE), roughness_factor(levels, model))
+def ranges_of(levels: Levels, model: str) -> Ranges:
+    """Ranges for the levels of a stack of `gltf` or `gltf-anisotropic`: nearly all slopes of its normals lie within the
+    scale, and the highest roughness becomes 1."""
+    return Ranges(_scale(levels, model), _roughness_factor(levels, model))
 
 
-def scale_within(levels: Levels, model: str, share: float) -> float:
-    """The scale of normals that so large a share of the slopes of levels 0 and 1 lies within; from `LEAST_SCALE` to 1.
-
-    Args:
-        share: from 0 to 1.
-    """
+def _scale(levels: Levels, model: str) -> float:
+    """The scale of normals that _SHARE of the slopes of levels 0 and 1 lies within; from `LEAST_SCALE` to 1."""
     normals = [level[..., channels_of(model, "normal")] for level in levels[:2]]
     slopes = [np.abs(each[..., :2] / np.maximum(each[..., 2:], _LEAST_Z)).reshape(-1) for each in normals]
-    return _short(min(1.0, max(LEAST_SCALE, float(np.quantile(np.concatenate(slopes), share)))))
+    return _short(min(1.0, max(LEAST_SCALE, float(np.quantile(np.concatenate(slopes), _SHARE)))))
 
 
-def roughness_factor(levels: Sequence[NDArray[np.float32]], model: str) -> float:
+def _roughness_factor(levels: Sequence[NDArray[np.float32]], model: str) -> float:
     """The highest roughness of all levels."""
     highest = max(float(level[..., channels_of(model, "roughness")].max()) for level in levels)
     return min(1.0, max(_LEAST_FACTOR, _short(highest + 5e-7)))

@@ -1,0 +1,73 @@
+"""What errors of the texels of a file count in what is shaded: encoders of blocks spend their bits by it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mipbake.material import MODELS
+from mipbake.material.gltf import error_weights
+from mipbake.source.layout import COLOUR, FLIPPED, LAYOUTS, SIGNED, FileChannel, FileLayout
+
+Image = NDArray[np.float32]
+
+_LEAST_ALONG = 0.1  # of the weight across a normal, along it: the length of a normal still counts when it is averaged
+_LEAST_Z = 0.1  # normals that lie flatter do not count more
+_OTHER = 0.1  # of the mean weight of a texel, for channels that nobody shades with
+
+
+@dataclass(frozen=True, eq=False)
+class BlockWeights:
+    """Weights for the file of a stack, made when they are asked for: all would be as large as the file.
+
+    Args:
+        model: of the stack, one that glTF has. levels: (H_L, W_L, S) its stored channels.
+        layout: of the file. srgb: whether its colours are sRGB-encoded.
+        factors: what a material multiplies the values of a map in the file by, by name; x and y of normals.
+    """
+
+    model: str
+    levels: Sequence[Image]
+    layout: FileLayout
+    srgb: bool
+    factors: Mapping[str, float]
+
+    def __call__(self, level: int, rows: slice) -> Image:
+        """See `mipbake.source.images.blocks.Weigh`."""
+        stored = self.levels[level][rows]
+        weights, diffuse, lobe = error_weights(stored)
+        beside = {"occlusion": diffuse, "opacity": (diffuse + lobe) / 2}
+        places = {each.name: each.channels.start for each in LAYOUTS[self.model]}
+        out = []
+        for channel in self.layout.channels:
+            if channel.map == "normal":
+                out.append(self._of_normal(stored, weights, channel.index))
+            elif channel.map in places:
+                place = places[channel.map] + channel.index
+                scale = self.factors.get(channel.map, 1.0) ** 2
+                out.append(scale * weights[..., place] * self._of_encoding(channel, stored[..., place]))
+            else:
+                out.append(beside[channel.map] if channel.map in beside else _OTHER * weights.mean(-1))
+        return np.stack(out, -1).astype(np.float32)
+
+    def _of_normal(self, stored: Image, weights: Image, axis: int) -> Image:
+        """(...) weights of what a file holds of x, y or z: half a unit for a unit."""
+        place = MODELS[self.model].normal
+        normal, across = stored[..., place], weights[..., place.start]
+        if sum(channel.map == "normal" for channel in self.layout.channels) == 2:
+            turned = (1 - np.square(normal[..., 1 - axis])) / np.square(np.maximum(normal[..., 2], _LEAST_Z))
+        else:
+            # Of vectors that a factor makes flatter, the short ones count less where texels are averaged.
+            flat = self.factors.get("normal", 1.0) ** 2
+            turned = np.maximum((1 - np.square(normal[..., axis])) * (flat if axis < 2 else 1), _LEAST_ALONG * flat)
+        return np.asarray(4 * across * turned)
+
+    def _of_encoding(self, channel: FileChannel, value: Image) -> Image | float:
+        """Squared derivative of a value by what the file holds of it."""
+        if channel.encoding != COLOUR or not self.srgb:
+            return 4.0 if channel.encoding in (SIGNED, FLIPPED) else 1.0
+        slope = np.where(value < 0.0031308, 1 / 12.92, 2.4 / 1.055 * np.maximum(value, 0.0031308) ** (1 - 1 / 2.4))
+        return np.asarray(np.square(slope), np.float32)
