@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from mipbake.source.images.blocks import to_blocks
+from mipbake.source.images.blocks import from_blocks, to_blocks
 from mipbake.source.images.gpu_format import GPU_FORMATS, GpuFormat, GpuTexture
 
 SIZES = [(8, 8), (12, 5), (1, 9), (7, 1), (1, 1), (33, 18)]
@@ -60,6 +60,11 @@ def levels_of(made: GpuFormat, width: int, height: int) -> list[np.ndarray]:
 @cache
 def texture(made: GpuFormat, width: int, height: int) -> GpuTexture:
     return GpuTexture(made, width, height, to_blocks(levels_of(made, width, height), made), VALUES)
+
+
+def decoded_levels(texture: GpuTexture) -> list[np.ndarray]:
+    """`from_blocks`, numbers from 0 to 255 where they are from 0 to 1."""
+    return [level * 255 if level.dtype == np.float32 else level for level in from_blocks(texture)]
 
 
 def psnr(found: np.ndarray, wanted: np.ndarray, peak: float = 255) -> float:

@@ -65,7 +65,7 @@ def bake(made: GltfFile, folder: Path) -> tuple[dict[str, Any], bytes, str]:
 
 def levels_of(document: dict[str, Any], binary: bytes, texture: int) -> list[np.ndarray]:
     """(H, W, C) uint8 of a texture."""
-    return from_blocks(decoded(image_of(document, binary, texture), "a texture"))
+    return [level * 255 for level in from_blocks(decoded(image_of(document, binary, texture), "a texture"))]
 
 
 def test_a_clearcoat_is_a_set_of_a_dielectric(tmp_path: Path) -> None:

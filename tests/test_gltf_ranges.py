@@ -14,10 +14,9 @@ from mipbake.source.images import ktx2 as ktx2_file
 from mipbake.source.texture_set import TextureSet
 from mipbake.stack.compression import cost
 from mipbake.stack.gltf.glb import encoded, output
-from mipbake.stack.gltf.ranges import LEAST_SCALE, Ranges, roughness_factor, scale_within, usual_ranges
+from mipbake.stack.gltf.ranges import LEAST_SCALE, Ranges, ranges_of
 from mipbake.stack.gltf.write import GltfResult, rewritten
 from mipbake.stack.map_files import MapFile
-from mipbake.stack.ranges import chosen_ranges
 from mipbake.stack.stack import MipStack
 
 from .command_line import bumps, fails, write_set
@@ -63,60 +62,28 @@ def test_roughness_is_stretched_and_its_neighbours_stay() -> None:
 @pytest.mark.parametrize("steepness", [0.0, 0.005, 0.1, 3.0])
 def test_scales_hold_as_many_slopes_as_they_should(steepness: float) -> None:
     _, stack = mirror(steepness=steepness)
-    scale = scale_within(stack.levels, "gltf", 0.9)
+    scale = ranges_of(stack.levels, "gltf").normal
     assert LEAST_SCALE <= scale <= 1
     slopes = np.concatenate([(np.abs(n[..., 5:7]) / n[..., 7:]).ravel() for n in stack.levels[:2]])
     if LEAST_SCALE < scale < 1:
-        assert np.mean(slopes <= scale) == pytest.approx(0.9, abs=0.01)
+        assert np.mean(slopes <= scale) == pytest.approx(0.97, abs=0.01)
 
 
 def test_the_roughest_texel_of_any_level_is_stored_as_1() -> None:
     levels = [np.zeros((2, 2, 8), np.float32), np.zeros((1, 1, 8), np.float32)]
     levels[1][..., 4] = 0.3
-    factor = roughness_factor(levels, "gltf")
-    assert 0.3 <= factor < 0.30001
-    assert roughness_factor(levels[:1], "gltf") > 0
+    assert 0.3 <= ranges_of(levels, "gltf").roughness < 0.30001
+    assert ranges_of(levels[:1], "gltf").roughness > 0
 
 
 def test_what_is_decoded_is_near_what_was_baked() -> None:
     """Slopes of 1/100: eight bits as they are hold two codes of them."""
     texture_set, stack = mirror(32)
-    usual = usual_ranges(stack.levels, "gltf")
+    usual = ranges_of(stack.levels, "gltf")
     made = {each: encoded(stack, ranges=each) for each in (Ranges(), usual)}
     plain, stretched = (cost(texture_set, stack, output(), m.files, ranges=m.ranges) for m in made.values())
     assert stretched.worst < plain.worst - 1.2
     assert stretched.psnr["normal"] > plain.psnr["normal"] + 4
-
-
-@pytest.mark.long
-def test_the_ranges_that_are_chosen_cost_less_than_none() -> None:
-    texture_set, stack = mirror()
-    ranges = chosen_ranges(texture_set, stack)
-    assert LEAST_SCALE <= ranges.normal < 0.2
-    assert ranges.roughness == pytest.approx(0.2, abs=1e-5)
-    losses = [
-        cost(texture_set, stack, output(), encoded(stack, ranges=each).files, ranges=each).worst
-        for each in (ranges, Ranges())
-    ]
-    assert losses[0] < losses[1] - 1.5
-
-
-@pytest.mark.long
-def test_large_sets_are_tried_in_their_middle() -> None:
-    """A small mirror between bumps, to which another scale is better."""
-    inside = np.zeros((64, 64, 1), bool)
-    inside[16:48, 16:48] = True
-    normal = np.where(inside, height_field(64, 64, steepness=0.01), height_field(64, 64, steepness=0.3))
-    texture_set = TextureSet.from_arrays("island", normal=normal, roughness=0.2, base_color=0.7, metallic=1.0)
-    stack = mipbake.bake(texture_set, "linear")
-    assert chosen_ranges(texture_set, stack, side=32) != chosen_ranges(texture_set, stack)
-    assert chosen_ranges(texture_set, stack, side=64) == chosen_ranges(texture_set, stack)
-
-
-def test_small_stacks_take_what_suits_most() -> None:
-    texture_set = TextureSet.from_arrays("tiny", normal=height_field(4, 4, steepness=0.01), roughness=0.5)
-    stack = mipbake.bake(texture_set, "linear")
-    assert chosen_ranges(texture_set, stack) == usual_ranges(stack.levels, "gltf")
 
 
 def test_materials_that_had_no_normal_texture_get_one_with_its_scale(tmp_path: Path) -> None:
@@ -146,8 +113,7 @@ def test_a_mirror_in_a_glb(tmp_path: Path, capsys: pytest.CaptureFixture[str], a
     (cost,) = result["costs"]
     assert cost["format"] == asked
     assert cost["texels"]["normal"] == texels
-    assert (max(cost["loss"].values()) <= 0.3) == (asked != "glb")
-    assert ("--format glb:rgba8" in str(result["warnings"])) == (asked == "glb")
+    assert max(cost["loss"].values()) <= 0.5
     document, binary = check_structure((tmp_path / "out" / "mirror" / "mirror.glb").read_bytes())
     material = document["materials"][0]
     assert 0 < material["normalTexture"].get("scale", 1) <= 1

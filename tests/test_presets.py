@@ -33,7 +33,7 @@ MASK = ("metallic 0", "occlusion 0", "1", "smoothness")
 ANISOTROPY = ("anisotropy 0", "anisotropy 1", "anisotropy 2")
 
 VULKAN_SRGB, VULKAN_NONE = 2, 0
-VULKAN_BLOCKS = {139: "BC4", 145: "BC7", 146: "BC7 sRGB"}
+VULKAN_BLOCKS = {139: "BC4", 141: "BC5", 145: "BC7", 146: "BC7 sRGB"}
 DXGI = {"RGBA8": 28, "RGBA8 sRGB": 29, "BC4": 80, "BC5": 83, "BC7": 98, "BC7 sRGB": 99}
 
 GLTF_FILES = {
@@ -80,7 +80,7 @@ EXPECTED = {
     },
     "bevy": {
         "wood_baseColor.ktx2": ((*COLOURS, "opacity 0"), "BC7 sRGB"),
-        "wood_normal.ktx2": (XYZ, "BC7"),
+        "wood_normal.ktx2": (XY, "BC5"),
         "wood_occlusionRoughnessMetallic.ktx2": (ORM, "BC7"),
         "wood_emissive.ktx2": (EMISSION, "BC7 sRGB"),
         "wood_height.ktx2": (("height 0",), "BC4"),
@@ -184,8 +184,8 @@ def test_every_preset_is_tested() -> None:
 
 def test_every_channel_of_every_level(written: Written, preset: str) -> None:
     """Waves across or along each other differ by 0.2 in the mean, twice that when one is inverted. At level 0 blocks
-    lose a quarter of it, more where a block holds whole waves, whose mean is still right; other texels lose half a step
-    of 8 or 16 bits or of a half float.
+    lose less than half of it, more where a block holds whole waves, whose mean is still right; other texels lose half a
+    step of 8 or 16 bits or of a half float.
     """
     blocks = "blocks" if preset in ("three", "babylon", "filament", "unity", "godot", "bevy") else ""
     near = {"dds": 0.002, "tx": 2.5e-4, "exr": 2.5e-4}
@@ -207,7 +207,7 @@ def test_every_channel_of_every_level(written: Written, preset: str) -> None:
                 if not blocks:
                     assert np.abs(error).max() < near[path.suffix[1:]], (name, index, what)
                 elif index == 0:
-                    assert np.sqrt(np.mean(np.square(error))) < 0.06, (name, what)
+                    assert np.sqrt(np.mean(np.square(error))) < 0.09, (name, what)
                 elif level.size >= 16:
                     assert abs(error.mean()) < 0.06, (name, index, what)
 

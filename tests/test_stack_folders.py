@@ -78,7 +78,7 @@ def test_an_interrupted_save_leaves_nothing(tmp_path, monkeypatch, fault, earlie
     container = type(format_named(fmt))
     write = container.write
 
-    def breaks(self, folder, layout, levels, wrap, about):
+    def breaks(self, folder, layout, levels, wrap, about, weigh=None):
         write(self, folder, layout, levels, wrap, about)
         if layout.name == "normal":
             raise fault
@@ -106,7 +106,7 @@ def test_a_writer_that_lies_is_caught(tmp_path, monkeypatch, fmt):
     container = type(format_named(fmt))
     write = container.write
 
-    def loses_levels(self, folder, layout, levels, wrap, about):
+    def loses_levels(self, folder, layout, levels, wrap, about, weigh=None):
         write(self, folder, layout, levels[:-1], wrap, about)
 
     monkeypatch.setattr(container, "write", loses_levels)
@@ -116,7 +116,7 @@ def test_a_writer_that_lies_is_caught(tmp_path, monkeypatch, fmt):
     if not format_named(fmt).exact:
         fmt = f"{fmt}:rgba8"
 
-    def changes_a_texel(self, folder, layout, levels, wrap, about):
+    def changes_a_texel(self, folder, layout, levels, wrap, about, weigh=None):
         changed = [level.copy() for level in levels]
         changed[1][0, 0, 0] = 0 if changed[1][0, 0, 0] else 1
         write(self, folder, layout, changed, wrap, about)

@@ -180,7 +180,7 @@ def test_engines_and_files_of_glb(block: Block) -> None:
     assert "| neural, half | 13.5 dB | 0.0500 |" in text and "auto" not in text
     data = {"columns": ["neural", "reference"], "rows": {"tiles": [10.04, 50.0]}}
     assert "| tiles | 10.0 | 50.0 |" in block("engines-cycles/table", data)
-    losses = {"plain": {"near-mirror": 2.0, "hemisphere": 0.4}, "glb": {"near-mirror": 0.3, "hemisphere": 0.5}}
-    text = block("uastc/table", {"whole": [{"set": "tiles", "losses": losses}]})
-    assert "| `plain` | 0 of 1 | 0 of 1 | 2.00 dB | 2.00 dB |" in text
-    assert "| `glb` | 1 of 1 | 1 of 1 | 0.50 dB | 0.50 dB |" in text
+    row = {"loss": {"near-mirror": 0.3, "hemisphere": 0.6}, "bytes": 1_500_000, "seconds": {"exr": 1.0, "files": 2.5}}
+    cells = {"near-mirror": [[20.0, 19.0, 21.0], [20.0, 10.0, 10.0]]}
+    text = block("delivered/table", {"whole": [{"set": "tiles", "preset": "unity", "cells": cells, **row}]})
+    assert "| `unity` | 1 of 1 | 1 of 1 | 0.30 / 0.60 dB | 0.60 dB | 50.0 % | not filmed | 1.5 MB | +1.5 s |" in text

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 import mipbake
 from mipbake import MipStack, TextureSet
-from mipbake.stack.gltf.glb import encoded, output, square
-from mipbake.stack.gltf.ranges import Ranges, usual_ranges
+from mipbake.stack.gltf.glb import encoded, square
+from mipbake.stack.gltf.ranges import Ranges, ranges_of
 from mipbake.stack.output import GLB_TEXELS
 
 _SIDE = 256
@@ -33,14 +33,13 @@ _NEAR, _FAR = 0.03, 0.1  # shares of the mean of the picture
 def main() -> int:
     """0 where everything is as it should be."""
     stack = _baked()
-    ranges = usual_ranges(stack.levels, stack.model)
+    ranges = ranges_of(stack.levels, stack.model)
     print(f"normal scale {ranges.normal:g}, roughness factor {ranges.roughness:g}")
-    eight_bits = {file.layout.name: GLB_TEXELS[-1] for file in stack.files(output())}
     plain, stretched = encoded(stack, ranges=Ranges()), encoded(stack, ranges=ranges)
     files = {
         "plain": plain,
         "stretched": stretched,
-        GLB_TEXELS[-1]: encoded(stack, ranges=ranges, texels=eight_bits),
+        GLB_TEXELS[-1]: encoded(stack, ranges=ranges, texels=GLB_TEXELS[-1]),
         "without its factors": replace(stretched, ranges=Ranges()),
     }
     complaints: list[str] = []

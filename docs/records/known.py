@@ -84,7 +84,7 @@ KNOWN: Mapping[str, Known] = {
         "stacks that were fitted in renderers, beside bakes",
         "benchmarks/fit.py", MATERIALS, WORK, "--sets", *FITTED, pictures="docs",
     ),
-    "uastc": _measured("what the textures of GLB files cost", "benchmarks/uastc.py", MATERIALS),
+    "delivered": _measured("what the files of presets cost", "benchmarks/delivered.py", MATERIALS),
     "engines-three": _measured(
         "levels in three.js, supersampled by itself", "benchmarks/engines/three_proof.py", MATERIALS
     ),

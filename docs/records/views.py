@@ -175,7 +175,7 @@ VIEWS: Mapping[str, Callable[[Any], str]] = {
     "fit/pictures": fit_pictures,
     "fit/means": _of("benchmarks", "fit_tables", "means_table", "fit"),
     "fit/cost": _of("benchmarks", "fit_tables", "cost_table", "fit"),
-    "uastc/table": _of("benchmarks", "uastc", "summarised", "uastc"),
+    "delivered/table": _of("benchmarks", "delivered", "summarised", "delivered"),
     "engines-three/gains": _of(_ENGINES, "three_table", "gains", "engines-three"),
     "engines-three/containers": _of(_ENGINES, "three_table", "containers", "engines-three"),
     "engines-cycles/table": lambda records: table(

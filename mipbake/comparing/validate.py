@@ -148,7 +148,11 @@ def validate(
         model=stack.model,
         pixel_filter=kernel,
         rows=tuple(Row(f.method, f.view, f.lod, f.value, f.low, f.high) for f in measured.curve),
-        notes=(*measured.notes, *([wrong] if wrong else ())),
+        notes=(
+            f"all stacks are looked up by the sampler {made.sampler or DEFAULT_SAMPLER}, which this stack was made for",
+            *measured.notes,
+            *([wrong] if wrong else ()),
+        ),
         points=points,
         samples=samples,
         seed=seed,

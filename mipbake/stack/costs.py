@@ -96,15 +96,17 @@ class Cost:
         return [said for said in (self._of_loss(preset), self._of_coverage(preset)) if said]
 
     def _of_loss(self, preset: Preset | None) -> str | None:
-        format, _, texels = self.format.partition(":")
+        format = self.format.partition(":")[0]
         if self.worst <= LIMIT:
             return None
-        if format == GLB:
-            better = f"{GLB}:{GLB_TEXELS[-1]}" if texels != GLB_TEXELS[-1] else None
+        better: str | None
+        if self.format == GLB:
+            better = f"{GLB}:{GLB_TEXELS[-1]}"
             advice = "the glTF standard allows no other texels; three.js and Babylon.js load --format "
+        elif format == GLB:
+            better, advice = "ktx2:rgba16f", "write beside it --format "
         else:
-            better = format_named(self.format).finer
-            advice = "where the engine takes it, use --format "
+            better, advice = format_named(self.format).finer, "where the engine takes it, use --format "
         if better is None:
             return None
         where = SPOKEN[max(self.loss, key=self.loss.__getitem__)]

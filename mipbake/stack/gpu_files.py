@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -99,6 +99,22 @@ DDS = GpuContainer(
     _dds_info,
 )
 GPU_CONTAINERS = (KTX2, DDS)
+
+
+_ROUNDS, _SHRUNK, _RADIUS = 12, 0.95, 0.998
+"""Of normals whose x and y, as blocks give them back, are no unit vector's: rounds of mending, by what each multiplies
+them, and how long they may be."""
+
+
+def _upright(found: StoredLevel, wanted: NDArray[np.generic]) -> tuple[bool, NDArray[np.generic]]:
+    """Whether texels of x and y, from 0 to 1, leave room for a z. Shaders work it out as the root of 1 - x^2 - y^2, and
+    not all of them guard it against numbers below 0. And what is wanted, shorter in the blocks that leave none."""
+    flat = np.square(2 * np.asarray(found[...], np.float32) - 1).sum(-1) > _RADIUS**2
+    if not flat.any():
+        return True, wanted
+    blocks = np.add.reduceat(np.add.reduceat(flat, range(0, flat.shape[0], 4), 0), range(0, flat.shape[1], 4), 1) > 0
+    inside = blocks.repeat(4, 0).repeat(4, 1)[: flat.shape[0], : flat.shape[1], None]
+    return False, np.where(inside, 0.5 + np.float32(_SHRUNK) * (np.asarray(wanted, np.float32) - 0.5), wanted)
 
 
 class GpuFile:
@@ -201,7 +217,14 @@ class GpuFile:
             ABOUT: about.encode() + b"\0",
             **(swizzle if made.channels == 1 else {}),
         }
-        return GpuTexture(made, width, height, to_blocks(levels, made, weigh), values)
+        texture = GpuTexture(made, width, height, to_blocks(levels, made, weigh), values)
+        if not self.exact and [channel.map for channel in layout.channels] == ["normal"] * 2:
+            for _ in range(_ROUNDS):
+                held, levels = zip(*map(_upright, levels_of(texture), levels), strict=True)
+                if all(held):
+                    break
+                texture = replace(texture, levels=to_blocks(levels, made, weigh))
+        return texture
 
     def read(self, folder: Path, layout: FileLayout, sizes: Sequence[tuple[int, int]]) -> list[StoredLevel]:
         """See Container: levels are decoded when they are read."""

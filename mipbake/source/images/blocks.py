@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from mipbake import _native
 from mipbake.base import memory
 from mipbake.source.images.gpu_format import GpuFormat, GpuTexture, level_size
+from mipbake.source.images.quantise import dequantised
 
 Texels = NDArray[np.generic]
 
@@ -34,8 +35,8 @@ def to_blocks(levels: Sequence[Texels], made: GpuFormat, weigh: Weigh | None = N
     """(H, W, C) texels of every level to their bytes.
 
     Args:
-        levels: float32 from 0 to 1 for blocks, float16 for half floats, uint8 for others; C no more than the channels
-            of the format. A missing alpha is 1; one channel fills all colours where the format has no format of one
+        levels: float32 from 0 to 1, or uint8, for blocks; float16 for half floats, uint8 for others; C no more than the
+            channels of the format. A missing alpha is 1; one channel fills all colours where the format has no format of one
             channel.
         weigh: of their channels; None where all errors count the same. Only blocks are chosen by it.
     """
@@ -54,7 +55,7 @@ def to_blocks(levels: Sequence[Texels], made: GpuFormat, weigh: Weigh | None = N
 def _encoded(level: Texels, made: GpuFormat, given: NDArray[np.float32] | None) -> bytes:
     kind = _kind(made)
     count = level.shape[2]
-    values = np.ascontiguousarray(widened(level, _CHANNELS.get(kind, 4)), np.float32)
+    values = np.ascontiguousarray(dequantised(widened(level, _CHANNELS.get(kind, 4))), np.float32)
     weights = None if given is None and values.shape[2] == count else np.ones_like(values)
     if weights is not None:
         if given is not None:
