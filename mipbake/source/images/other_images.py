@@ -113,7 +113,7 @@ def _finest(texture: GpuTexture) -> NDArray[np.generic]:
     texels = from_blocks(replace(texture, levels=texture.levels[:1]))[0]
     if texels.dtype != np.float32:
         return texels
-    return (np.asarray(texels, np.float32) * np.float32(255) + np.float32(0.5)).astype(np.uint8)
+    return np.asarray(np.asarray(texels, np.float32) * np.float32(255) + np.float32(0.5), np.uint8)
 
 
 def _alpha(channels: int) -> int:
