@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from mipbake.stack.containers import Container, format_named
+from mipbake.stack.containers import FORMATS, Container, format_named
 from mipbake.stack.output import GLB, GLB_TEXELS
 from mipbake.stack.presets import Preset
 from mipbake.stack.written import SPOKEN, Written
@@ -142,7 +142,6 @@ def _advice(better: str, preset: Preset | None) -> str:
 
 def _uncompressed(container: Container) -> str | None:
     """The nearest format that is more precise and has no blocks."""
-    better = container.finer
-    while better is not None and not format_named(better).exact:
-        better = format_named(better).finer
-    return better
+    if container.exact:
+        return container.finer
+    return f"{container.name}:{next(name for name, each in FORMATS[container.name].items() if each.exact)}"

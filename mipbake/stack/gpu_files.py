@@ -141,11 +141,10 @@ class GpuFile:
 
     @property
     def finer(self) -> str:
-        """See Container: the next texels of this container, or a choice among them."""
-        better = {"bc1": "bc", "bc": "rgba8", "rgba8": "rgba16f"}
-        if self.texels in better:
-            return f"{self.name}:{better[self.texels]}"
-        return "exr:float" if self.texels == "rgba16f" else self.name
+        """See Container. What blocks lose, 8 bits often lose too: where they cost much, normals have gloss to show."""
+        if self.texels == "rgba16f":
+            return "exr:float"
+        return f"{self.name}:{'bc' if self.texels == 'bc1' else 'rgba16f'}"
 
     def gpu_bytes(self, layout: FileLayout, sizes: Sequence[tuple[int, int]]) -> int:
         """How much of a graphics card's memory a file takes with levels of (height, width)."""
