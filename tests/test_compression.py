@@ -171,7 +171,7 @@ def test_long_phases_move_as_they_go(tmp_path) -> None:
 
     options = mipbake.BakeOptions(method="linear", format="ktx2,dds,png,glb")
     bake_sources(write_set(tmp_path / "metal"), tmp_path / "out", options, listener=Heard())
-    for phase, files in (("encode", 3), ("write", 8), ("check", 8)):
+    for phase, files in (("encode", 3), ("write", 8), ("check", 6)):
         assert told[phase] == sorted(told[phase]) and told[phase][-1] == 1, phase
         assert len(set(told[phase])) >= files, phase
 
