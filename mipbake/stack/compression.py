@@ -140,8 +140,8 @@ def losses(
         variants: name to levels of the same stored channels.
     """
     found: dict[str, dict[str, float]] = {}
-    for points in (_FEW, _POINTS):
-        found = _losses(texture_set, baked, variants, points, progress)
+    for turn, points in enumerate((_FEW, _POINTS)):
+        found = _losses(texture_set, baked, variants, points, part_of(progress, turn, 2))
         if all(abs(value) < _SMALL for loss in found.values() for value in loss.values()):
             break
     progress(1.0)
@@ -162,7 +162,7 @@ def _losses(
         LODS,
         (),
         MeasureEffort(_SEED, points, _SAMPLES, intervals=False),
-        lambda _phase, share: progress(share * points / (_FEW + _POINTS)),
+        lambda _phase, share: progress(share),
         baked.method.sampler or DEFAULT_SAMPLER,
     )
     snr: dict[tuple[str, str], list[float]] = {}
