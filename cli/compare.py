@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -134,7 +135,7 @@ def compare(
             "--out",
             "-o",
             metavar="REPORT",
-            help="Folder of the report: index.html, results.json, images. With several sets, each has its own in "
+            help="Folder of the report: index.html and results.json. With several sets, each has its own in "
             "REPORT/<set>/.",
             show_default=False,
         ),
@@ -154,11 +155,20 @@ def compare(
         check_report(place)
         known = stack_of(flags.baked, job, texture_set, alone) if flags.baked else None
         stack = mipbake.open_stack(known) if known else None
+        described = plain(job.named(texture_set.found))
         with timings(session, texture_set.name) as progress:
-            found = compare_methods(texture_set, settings, stack, known, conditions, progress)
-            comparison = replace(found, source=plain(job.named(texture_set.found)))
-            source = texture_set.filtered(comparison.pixel_filter)
-            files = write_report(comparison, source, place, progress)
+
+            def written(found: Comparison, begun: bool = False) -> tuple[Comparison, list[Path]]:
+                whole = replace(found, source=described)
+                source = texture_set.filtered(found.pixel_filter)
+                return whole, write_report(whole, source, place, progress, begun)
+
+            def begun(found: Comparison) -> None:
+                first, *_ = written(found, begun=True)[1]
+                session.print(f"wrote {first}: a first page, which the whole one replaces")
+
+            found = compare_methods(texture_set, settings, stack, known, conditions, progress, begun)
+            comparison, files = written(found)
         outcomes = [condition.check(comparison) for condition in conditions]
         _print(session, comparison, place, files, progress)
         for outcome in outcomes:
@@ -192,9 +202,11 @@ def film_table(comparison: Comparison) -> Table:
     measure = MEASURES["jod-37" if judged else "flip"]
     scenes = [each.scene.name for each in comparison.films]
     rows = {}
-    for method in comparison.methods:
-        values = [comparison.figure(method.name, measure.name, scene, "").value for scene in scenes]
-        rows[method.name] = [(f"{value:.{2 if judged else 3}f}", measure.loss(value)) for value in values]
+    for name in (method.name for method in comparison.methods):
+        found = [comparison.find(name, measure.name, scene, "") for scene in scenes]
+        if any(found):
+            digits = 2 if judged else 3
+            rows[name] = [(f"{f.value:.{digits}f}", measure.loss(f.value)) if f else ("", math.inf) for f in found]
     return ranked_table(f"films, {measure.title}", [scene.removeprefix("film-") for scene in scenes], rows)
 
 

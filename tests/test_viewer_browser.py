@@ -264,6 +264,7 @@ def test_mouse_keys_and_fields_move_the_view(open_page: Any) -> None:
     )
     canvas, before = page.locator("canvas"), state(page)
     assert (before["a"], before["b"], before["mode"]) == (0, 1, "split")
+    page.locator(".mv-more summary").click()
     box = canvas.bounding_box()
     x, y = box["x"] + box["width"] / 4, box["y"] + box["height"] / 2
     page.mouse.move(x, y)

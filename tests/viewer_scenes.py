@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import re
+import zlib
 from typing import Any
 
 import numpy as np
@@ -55,16 +56,39 @@ def scene_of(fragment: str) -> Any:
     return json.loads(found.group(1))
 
 
-def texels_of(packed: dict[str, Any], index: int) -> list[np.ndarray]:
-    """The numbers in each level of one packed map, undone by the book: inflate, sum along rows, interleave."""
-    import zlib
+def texels_of(scene: Any) -> list[list[list[np.ndarray]]]:
+    """The numbers of every image of a scene, by level and texture: unpacked a byte at a time, by the book."""
+    left = iter(zlib.decompress(base64.b64decode(scene["texels"]["data"])))
+    weights = iter(scene["texels"]["weights"])
+    made: list[tuple[Any, list[list[dict[int, np.ndarray]]]]] = []
+    for image in scene["images"]:
+        levels: list[list[dict[int, np.ndarray]]] = []
+        other = made[-1] if made and all(made[-1][0][key] == image[key] for key in ("model", "half")) else None
+        for level, (height, width) in enumerate(image["sizes"]):
+            levels.append([{} for _ in image["srgb"]])
+            for texture, planes in enumerate(levels[level]):
+                for byte in (1, 0, *range(2, 8 if image["half"] else 4)):
+                    sources = [(planes[1], ((0, 0), (0, -1), (-1, 0)))] if byte != 1 else []
+                    if other and other[0]["sizes"][level : level + 1] == [[height, width]]:
+                        cross = ((0, 0), (0, -1), (0, 1), (-1, 0), (1, 0))
+                        sources.append((other[1][level][texture][byte], cross))
+                    if level and image["sizes"][level - 1] == [2 * height, 2 * width]:
+                        four = levels[level - 1][texture][byte][1:-1, 1:-1].reshape(height, 2, width, 2)
+                        sources.append((np.pad((four.sum((1, 3)) + 2) // 4, 1), ((0, 0),)))
+                    plane = np.zeros((height + 2, width + 2), int)
+                    sources.insert(0, (plane, ((0, -1), (-1, 0), (-1, -1), (-1, 1))))
+                    chosen = next(weights)
+                    for y in range(1, height + 1):
+                        for x in range(1, width + 1):
+                            seen = [int(of[y + down, x + right]) for of, places in sources for down, right in places]
+                            total = sum(w * value for w, value in zip(chosen, seen, strict=True))
+                            plane[y, x] = (min(max((total + 2048) // 4096, 0), 255) + next(left)) % 256
+                    planes[byte] = plane
+        made.append((image, levels))
+    assert next(left, None) is None and next(weights, None) is None
+    return [[[_numbers(planes, image["half"]) for planes in textures] for textures in levels] for image, levels in made]
 
-    data = np.frombuffer(zlib.decompress(base64.b64decode(packed["maps"][index]["data"])), np.uint8)
-    per_texel, start, levels = 8 if packed["half"] else 4, 0, []
-    for height, width in packed["sizes"]:
-        planes = data[start : start + per_texel * height * width].reshape(per_texel, height, width)
-        start += planes.size
-        texels = np.ascontiguousarray(np.cumsum(planes, 2, dtype=np.uint8).transpose(1, 2, 0))
-        levels.append(texels.view(np.float16).astype(np.float32) if packed["half"] else texels / 255)
-    assert start == data.size
-    return levels
+
+def _numbers(planes: dict[int, np.ndarray], half: bool) -> np.ndarray:
+    whole = np.stack([planes[byte][1:-1, 1:-1] for byte in sorted(planes)], -1).astype(np.uint8)
+    return whole.view(np.float16).astype(np.float32) if half else whole / 255

@@ -6,7 +6,7 @@ import math
 import shlex
 from collections.abc import Sequence
 
-from mipbake.comparing.filming import RESOLVED_SHARE
+from mipbake.comparing.pictures import RESOLVED_SHARE
 from mipbake.comparing.result import FilmedScene, Scene
 from mipbake.material import losses, model_named
 from mipbake.quality.figures import Method
@@ -60,18 +60,13 @@ def not_converged(scenes: Sequence[Scene], films: Sequence[FilmedScene]) -> tupl
     pictures = [_noisy(each, each.standard_error) for each in scenes if not each.converged]
     moving = [_noisy(each, each.noise) for each in films if not each.converged]
     sentences = []
-    if pictures:
-        sentences.append(
-            "the noise of a reference should be at most a tenth of the best candidate's error, and it is more in "
-            f"{', '.join(pictures)}: the noise counts as error in all measures of these renders except SNR and "
-            "flicker; more samples would reduce it."
-        )
-    if moving:
-        sentences.append(
-            f"the noise of a film's reference should be at most {RESOLVED_SHARE:.0%} of the best candidate's error, "
-            f"and it is more in {', '.join(moving)}: the noise counts as error in all measures of these films except "
-            "SNR and flicker."
-        )
+    for what, found in (("renders", pictures), ("films", moving)):
+        if found:
+            sentences.append(
+                f"the noise of the reference should be at most {RESOLVED_SHARE:.0%} of the best candidate's error, and "
+                f"it is more in {', '.join(found)}: the noise counts as error in all measures of these {what} except "
+                "SNR and flicker."
+            )
     return tuple(sentences)
 
 

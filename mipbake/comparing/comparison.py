@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -25,7 +25,7 @@ from mipbake.comparing.filming import film, film_measures, missing_judge
 from mipbake.comparing.films import MOTIONS, RESOLUTION, Film, Motion, films_of
 from mipbake.comparing.meshes.mesh import Mesh
 from mipbake.comparing.pictures import SHIFTED_SCALES, RenderSettings, render_view
-from mipbake.comparing.result import LINEAR, OPTIMUM, Comparison, Plot
+from mipbake.comparing.result import LINEAR, Comparison
 from mipbake.comparing.scenes import SMALLEST, SPHERE_RESOLUTION, View, mesh_views, standard_views
 from mipbake.material.aim import DEFAULT_SAMPLER, Sampler
 from mipbake.material.pixel_filter import filter_named
@@ -124,6 +124,7 @@ def compare(
     path: Path | None = None,
     conditions: Sequence[Condition] = (),
     progress: Callable[[str, float], None] = lambda _phase, _share: None,
+    begun: Callable[[Comparison], None] = lambda _unmeasured: None,
 ) -> Comparison:
     """Measures prefilters of one texture set against the supersampled, pixel-filtered reference, and each other.
 
@@ -135,6 +136,7 @@ def compare(
         path: the folder that the stack came from, for readers.
         conditions: that will be checked: those that cannot be decided are found before any work.
         progress: called with phase and share as the work goes on.
+        begun: called with the stacks of the subject and of `linear (box)`, before anything is measured.
 
     Raises:
         UsageError: unknown names, settings that are impossible, a condition on what is not measured, or a package that
@@ -175,25 +177,25 @@ def compare(
     recipe = dataclasses.replace(
         settings.recipe, target=model, pixel_filter=kernel, sampler=baked_for(settings.sampler), lod_bias=None
     )
-    with bake_all(texture_set, recipe, tuple(wanted), clock) as baked:
-        candidates = [*earlier, *baked]
-        empty = dataclasses.replace(empty, methods=tuple(each.method for each in candidates))
-        found = _compared(texture_set, candidates, empty, settings, views, films, clock)
-        shown = (found.subject, found.best_closed_form, LINEAR)
-        stacks = {each.name: _stack(texture_set, each) for each in baked if each.name in shown}
-    if stack:
-        stacks = {earlier[0].name: stack} | stacks
+    notes = (*notes, *limits(source, model, stack is not None))
+    warnings = (*texture_set.warnings, *([foreign] if foreign else []))
+    early = [name for name in wanted if name in (empty.subject, LINEAR)]
+    with bake_all(texture_set, recipe, early, clock) as shown:
+        stacks = {each.name: _stack(texture_set, each) for each in shown}
+        if stack:
+            stacks = {earlier[0].name: stack} | stacks
+        empty = dataclasses.replace(empty, stacks=stacks, foreign=foreign is not None)
+        begun(dataclasses.replace(empty, notes=notes, warnings=warnings))
+        with bake_all(texture_set, recipe, [name for name in wanted if name not in early], clock) as others:
+            by_name = {each.name: each for each in (*shown, *others)}
+            candidates = [*earlier, *(by_name[name] for name in wanted)]
+            empty = dataclasses.replace(empty, methods=tuple(each.method for each in candidates))
+            named = _named(empty, conditions) if settings.methods is None else None
+            found = _compared(texture_set, candidates, empty, settings, views, films, clock, named)
     return dataclasses.replace(
         found,
-        stacks=stacks,
-        notes=(
-            *notes,
-            *limits(source, model, stack is not None),
-            *made_for_others(found.methods, settings.sampler),
-            *found.notes,
-        ),
-        warnings=(*texture_set.warnings, *([foreign] if foreign else []), *found.warnings),
-        foreign=foreign is not None,
+        notes=(*notes, *made_for_others(found.methods, settings.sampler), *found.notes),
+        warnings=(*warnings, *found.warnings),
         seconds=clock.seconds,
     )
 
@@ -206,8 +208,13 @@ def _compared(
     views: Sequence[View],
     films: Sequence[Film],
     clock: Timings,
+    named: Collection[str] | None,
 ) -> Comparison:
-    """Texture space, then renders, then films, then the paper's plots."""
+    """Texture space, then renders, then films, then the paper's plots.
+
+    Args:
+        named: methods that renders and films measure in any case, as `looked_at` takes them.
+    """
     source, renders = texture_set.filtered(empty.pixel_filter), settings.renders
     measured = texture_space.measure(
         source, candidates, effort=settings.effort, progress=clock, sampler=baked_for(settings.sampler)
@@ -215,22 +222,22 @@ def _compared(
     clock("texture space", 1.0)
     figures = [*measured.figures, *_gains(measured, candidates)]
     found = dataclasses.replace(empty, curve=measured.curve, figures=tuple(figures), notes=measured.notes)
-    drawn = (found.subject, found.best_closed_form, LINEAR, f"linear ({found.pixel_filter})", OPTIMUM)
-    few = [each for each in candidates if each.name in drawn]
+    drawn = {found.best_closed_form, f"linear ({found.pixel_filter})"} | set(named or ())
+    few = [each for each in candidates if named is None or each.name in drawn]
     rendered, filmed, changes = [], [], []
     for view in views:
-        made = render_view(view, source, candidates, renders, partial(clock, view.name))
+        made = render_view(view, source, candidates, renders, partial(clock, view.name), named=named)
         clock(view.name, 1.0)
         rendered.append(made.rendered)
         figures += made.figures
         changes += [made.change] if made.change else []
     for scene in films:
-        shown, in_film = film(scene, source, candidates, renders, partial(clock, scene.name))
+        shown, in_film = film(scene, source, candidates, renders, partial(clock, scene.name), named)
         clock(scene.name, 1.0)
         filmed.append(shown)
         figures += in_film
     turning, in_motion = plots.temporal_slice(
-        source, candidates, settings.lights, renders, progress=partial(clock, "temporal slice")
+        source, few, settings.lights, renders, progress=partial(clock, "temporal slice")
     )
     lobe = plots.apparent_brdf(source, few, settings.seed)
     clock("apparent BRDF", 1.0)
@@ -241,15 +248,17 @@ def _compared(
         rendered=tuple(rendered),
         films=tuple(filmed),
         # Of the changes only the nearest view's, where shimmer is the worst.
-        plots=(_only(turning, [each.name for each in few]), *changes[:1], lobe),
+        plots=(turning, *changes[:1], lobe),
         notes=(*found.notes, *([f"{missing}."] if missing else [])),
         warnings=not_converged([each.scene for each in rendered], [each.scene for each in filmed]),
     )
 
 
-def _only(plot: Plot, names: Sequence[str]) -> Plot:
-    """A plot with the images of some methods."""
-    return dataclasses.replace(plot, images={name: plot.images[name] for name in names})
+def _named(empty: Comparison, conditions: Sequence[Condition]) -> set[str]:
+    """The subject, `linear (box)`, every method that is no closed form, and what conditions are on."""
+    said = {word for each in conditions for word in (*each.values, each.other) if word}
+    closed = {*empty.closed_forms} - {LINEAR} - said
+    return {each.name for each in empty.methods} - closed
 
 
 def _views(texture_set: TextureSet, settings: Settings) -> tuple[View, ...]:

@@ -10,7 +10,7 @@ look at whole pictures see the reference itself outside of it, even in the candi
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +20,8 @@ from mipbake.base.errors import UsageError
 from mipbake.comparing.films import FRAMES_PER_SECOND, Film
 from mipbake.comparing.meshes.mesh_render import film_candidate
 from mipbake.comparing.meshes.supersampling import Supersampling
-from mipbake.comparing.pictures import RenderSettings
+from mipbake.comparing.meshes.visible import Shot
+from mipbake.comparing.pictures import RESOLVED_SHARE, RenderSettings, looked_at
 from mipbake.comparing.result import Filmed, FilmedScene
 from mipbake.comparing.scenes import median_lod
 from mipbake.material.filtered_source import FilteredSource
@@ -39,20 +40,20 @@ from mipbake.quality.metrics import (
     snr_db,
 )
 
+JUDGED_AT = PIXELS_PER_DEGREE_OF_FILMS[:1]
+"""Pixels per degree of sight at which films are judged here."""
+
 MOST_PASSES = 256
 """Most samples for each pixel of a film's reference: a film has as many pixels as ten pictures."""
-
-RESOLVED_SHARE = 0.2
-"""Noise of a reference that is small enough, as a share of the closest candidate's error: it makes that error 2 %
-larger."""
 
 UNSEEN = 1 / (255 * math.sqrt(12))
 """Noise of displayed values that is as good as none: what rounding to bytes adds. Not tuned."""
 
-LEAST_PASSES = 96
+LEAST_PASSES = 32
 """Samples for each pixel that a reference starts with. Not tuned."""
 
 _LEAST_STEP = 1.25  # times as many samples as before
+_FRAMES_APART = 4  # that tell which methods look best
 
 Frames = NDArray[np.float32]
 """(T, H, W, 3), rows from the top."""
@@ -113,19 +114,21 @@ def film(
     candidates: Sequence[Candidate],
     settings: RenderSettings,
     progress: Callable[[float], None] = lambda _share: None,
+    named: Collection[str] | None = None,
 ) -> tuple[Filmed, tuple[Figure, ...]]:
-    """Films a scene with every candidate, and measures.
+    """Films a scene with every candidate, and measures those that `looked_at` says.
 
     Args:
         source: what the reference filters.
         candidates: of any model, their levels starting at the source's size; different names.
         settings: as of pictures; films take no more than MOST_PASSES.
         progress: called with the finished share.
+        named: methods that are measured in any case.
 
     Returns:
         The film, and the figures in the order of candidates and MEASURES.
     """
-    found, frames, shown = taken(scene, source, candidates, settings, lambda share: progress(0.5 * share))
+    found, frames, shown = taken(scene, source, candidates, settings, lambda share: progress(0.5 * share), named)
     figures: list[Figure] = []
     for index, (name, made) in enumerate(frames.items()):
         for measure, value in film_figures(made, shown).items():
@@ -141,16 +144,30 @@ def taken(
     candidates: Sequence[Candidate],
     settings: RenderSettings,
     progress: Callable[[float], None] = lambda _share: None,
+    named: Collection[str] | None = None,
 ) -> Take:
-    """Films a scene with every candidate, and its reference once for all; arguments as `film`."""
-    frames: dict[str, Frames] = {}
-    for index, each in enumerate(candidates):
-        model = each.method.model
-        frames[each.name] = film_candidate(
-            scene.shots, each.levels, model, source.wrap, settings.sampler, settings.seed
-        )
-        progress(0.4 * (index + 1) / len(candidates))
+    """Films a scene with the candidates that `looked_at` says, and its reference once for all; arguments as `film`.
+
+    Which look best is judged by few frames, beside a reference of few samples.
+    """
+
+    def filmed(name: str, shots: Sequence[Shot]) -> Frames:
+        (each,) = (each for each in candidates if each.name == name)
+        return film_candidate(shots, each.levels, each.method.model, source.wrap, settings.sampler, settings.seed)
+
+    most, names = min(MOST_PASSES, settings.max_passes), [each.name for each in candidates]
+    least = min(LEAST_PASSES, most)
     sampling = Supersampling(scene.shots, source, settings.seed, settings.cache)
+    if named is not None:
+        sampling.advance(least, lambda share: progress(0.2 * share))
+        few = slice(None, None, _FRAMES_APART)
+        first, second, interior = (each[few] for each in sampling.halves())
+        glance = FilmReference((first, second), interior)
+        names = looked_at(names, lambda name: glance.shown(filmed(name, scene.shots[few])), glance.mean, named)
+    frames: dict[str, Frames] = {}
+    for index, name in enumerate(names):
+        frames[name] = filmed(name, scene.shots)
+        progress(0.2 + 0.2 * (index + 1) / len(names))
 
     def judged() -> tuple[tuple[FilmReference, float, bool], float]:
         first, second, interior = sampling.halves()
@@ -159,9 +176,8 @@ def taken(
         wanted = max(RESOLVED_SHARE * closest, UNSEEN)
         return (shown, closest, shown.noise <= wanted), shown.noise / wanted
 
-    most = min(MOST_PASSES, settings.max_passes)
     shown, closest, converged = sampling.resolve(
-        min(LEAST_PASSES, most), most, _LEAST_STEP, judged, lambda share: progress(0.4 + 0.6 * share)
+        least, most, _LEAST_STEP, judged, lambda share: progress(0.4 + 0.6 * share)
     )
     first = scene.shots[0]
     lod = median_lod(first.mesh, first.camera, first.resolution, source.stored.shape[:2])
@@ -199,13 +215,13 @@ def missing_judge() -> str:
 
 def film_measures() -> tuple[str, ...]:
     """Names of the measures that `film_figures` gives here, in the order of MEASURES."""
-    judged = () if missing_judge() else tuple(f"jod-{ppd}" for ppd in PIXELS_PER_DEGREE_OF_FILMS)
+    judged = () if missing_judge() else tuple(f"jod-{ppd}" for ppd in JUDGED_AT)
     names = {"snr", "flip", "sparkle", "flicker", "flicker-snr", *judged}
     return tuple(name for name in MEASURES if name in names)
 
 
 def film_figures(
-    frames: Frames, shown: FilmReference, pixels_per_degree: Sequence[int] = PIXELS_PER_DEGREE_OF_FILMS
+    frames: Frames, shown: FilmReference, pixels_per_degree: Sequence[int] = JUDGED_AT
 ) -> dict[str, float]:
     """Measures a candidate's film: name in MEASURES to the figure; nan where no pixel lies wholly on the mesh.
 

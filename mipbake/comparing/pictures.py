@@ -9,7 +9,7 @@ only. Within some ten pixels of an edge FLIP and SSIM therefore see less of an e
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -27,6 +27,7 @@ from mipbake.material.filtered_source import FilteredSource
 from mipbake.quality.figures import Candidate, Figure
 from mipbake.quality.metrics import MEASURES, Measured, hdr_flip_exposures
 from mipbake.quality.metrics.images import displayed
+from mipbake.quality.metrics.visible import visible_error
 from mipbake.quality.samplers import RenderSampler
 
 MAX_PASSES = 768
@@ -38,6 +39,14 @@ defined by half a pixel (docs/validation.md)."""
 
 SHIFTED_SCALES = ("near", "1:1")
 """Scales whose views are rendered a second time for flicker: coarser levels show no more than texture space does."""
+
+RESOLVED_SHARE = 0.2
+"""Noise of a reference that is small enough, as a share of the closest candidate's error: it makes that error 2 %
+larger."""
+
+LOOKED_AT = 2
+"""Of the methods that nobody named, how many are measured in a view or a film: those that seem to look best. Which
+they are is found by `visible_error`, in a hundredth of the time that the measures take."""
 
 _MARGIN = 16  # pixels kept around the interior: beyond the reach of FLIP's filters and SSIM's window; not tuned
 _BRIGHT = 0.6  # linear value after x / (1 + x) that bright parts of a plot are scaled to
@@ -62,8 +71,8 @@ class RenderSettings:
 
 class RenderedView(NamedTuple):
     """What `render_view` gives: the images, the figures in the order of candidates and MEASURES, the change under SHIFT
-    where it was rendered, and the renders that all of it is made from: each candidate's, by method name, and the
-    reference."""
+    where it was rendered, and the renders that all of it is made from: each measured candidate's, by method name, and
+    the reference."""
 
     rendered: Rendered
     figures: tuple[Figure, ...]
@@ -79,6 +88,7 @@ def render_view(
     settings: RenderSettings = RenderSettings(),
     progress: Callable[[float], None] = lambda _share: None,
     flicker: bool | None = None,
+    named: Collection[str] | None = None,
 ) -> RenderedView:
     """Renders a view once per pixel for every candidate, and its reference once for all, and measures.
 
@@ -91,6 +101,7 @@ def render_view(
         settings: how the view is rendered.
         progress: called with the finished share.
         flicker: whether to render the view a second time, half a pixel on; by default at SHIFTED_SCALES.
+        named: methods that are measured in any case, as `looked_at` takes them.
 
     Returns:
         No figures but nan where no pixel lies wholly on the mesh.
@@ -98,11 +109,19 @@ def render_view(
     moving = view.scale in SHIFTED_SCALES if flicker is None else flicker
     part = 0.35 if moving else 0.7  # share of the time that a reference takes
     still = _render(view, source, candidates, settings, 0, lambda share: progress(part * share))
+    interior, reference_shown = still.reference.interior[..., None], displayed(still.reference.image)
+    measured = looked_at(
+        list(still.frames),
+        lambda name: np.where(interior, displayed(still.frames[name].image), reference_shown),
+        reference_shown,
+        named,
+    )
+    still = still._replace(frames={name: still.frames[name] for name in measured})
     moved = None
     if moving:
-        shot = replace(view, camera=shifted(view.camera, SHIFT))
-        moved = _render(shot, source, candidates, settings, 1, lambda share: progress(part * (1 + share)))
-    covered, reference = still.frames[candidates[0].name], still.reference
+        shot, again = replace(view, camera=shifted(view.camera, SHIFT)), [c for c in candidates if c.name in measured]
+        moved = _render(shot, source, again, settings, 1, lambda share: progress(part * (1 + share)))
+    covered, reference = next(iter(still.frames.values())), still.reference
     scene = Scene(
         name=view.name,
         title=view.title,
@@ -135,6 +154,24 @@ def render_view(
     return RenderedView(rendered, tuple(figures), change, still.frames, reference)
 
 
+def looked_at(
+    names: Sequence[str],
+    shown: Callable[[str], NDArray[np.floating]],
+    reference: NDArray[np.floating],
+    named: Collection[str] | None,
+) -> list[str]:
+    """Which methods are measured: those that are `named`, and LOOKED_AT others; all of them where that is None.
+
+    Args:
+        names: of all. shown: what a method displays, and `reference` what is right: as `visible_error` takes them.
+    """
+    if named is None:
+        return list(names)
+    others = [name for name in names if name not in named]
+    best = sorted(others, key=lambda name: visible_error(shown(name), reference))[:LOOKED_AT]
+    return [name for name in names if name in named or name in best]
+
+
 class _Renders(NamedTuple):
     frames: Mapping[str, Frame]
     reference: Reference
@@ -155,7 +192,7 @@ def _render(
         frames[each.name] = mesh_render.candidate(
             shot, each.levels, each.method.model, source.wrap, settings.sampler, rng=rng
         )
-    passes = Passes(most=settings.max_passes)
+    passes = Passes(RESOLVED_SHARE, most=settings.max_passes)
     images = list(frames.values())
     return _Renders(
         frames, mesh_render.reference(shot, source, settings.seed, images, passes, progress, settings.cache)

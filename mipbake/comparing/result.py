@@ -4,7 +4,6 @@ method is the one to beat."""
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
@@ -29,7 +28,7 @@ class Scene:
     """A render that methods were compared in.
 
     Args:
-        name: key, also of files: `sphere-near`, `plane`, ...
+        name: key: `sphere-near`, `plane`, ...
         title: what a reader is shown.
         view, scale: as in Figure.
         lod: median level of detail of the covered pixels.
@@ -77,7 +76,7 @@ class FilmedScene:
     """A film that methods were compared in.
 
     Args:
-        name: key, also of files, and the view of its figures: `film-floor`, `film-low-floor`, ...
+        name: key, and the view of its figures: `film-floor`, `film-low-floor`, ...
         title: what a reader is shown.
         motion: what moves, `camera` or `light`. sampler: how stacks were looked up.
         lod: median level of detail of the first frame's covered pixels.
@@ -148,7 +147,7 @@ class Comparison:
         curve: SNR of each method and pair set by level of detail, in steps of 1/4.
         figures: every measure of each method, view and scale.
         rendered, films, plots: images.
-        stacks: of the subject, the best closed form and `linear (box)`, by method name.
+        stacks: of the subject and `linear (box)`, by method name.
         source: what was read of the set, as `mipbake inspect --json` says it.
         notes: what a reader must know, in sentences.
         warnings: what is wrong, in sentences: a stack of another set, a reference that did not converge.
@@ -223,8 +222,3 @@ class Comparison:
             "warnings": list(self.warnings),
             **{name: getattr(self, name) for name in ("foreign", "settings", "seconds")},
         }
-
-
-def file_stem(*names: str) -> str:
-    """Names of scenes and methods as a part of a file's name: what is not a letter or digit becomes a hyphen."""
-    return "--".join(re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")[:60] or "image" for name in names)

@@ -85,8 +85,11 @@ class Supersampling:
                             self._level, points.uv[None, None], filter_mode="linear", boundary_mode=self._source.wrap
                         )[0, 0]
                         radiance = lit(points, texels, self._source.model, shot.lighting).astype(np.float64)
-                        state["sums"][index, half, points.index] += weight * radiance
-                        state["seen"][index, points.index] += 1
+                        at: Any = points.index
+                        if len(at) and at[-1] - at[0] + 1 == len(at):  # no gap: a slice takes a third of the time
+                            at = slice(at[0], at[-1] + 1)
+                        state["sums"][index, half, at] += weight * radiance
+                        state["seen"][index, at] += 1
                 progress((index + count / len(samples)) / len(self._shots))
         for pair in samples:
             state["weights"] += [weight for _, weight in pair]

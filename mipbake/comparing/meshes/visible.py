@@ -23,7 +23,8 @@ BAND = 1 << 14
 """Pixels at a time. Their arrays stay in the cache, and are small enough that the allocator keeps their memory: pages
 that come back from the system cost more than what is computed in them."""
 
-_NORMAL, _TANGENT, _TO_EYE, _UV = slice(0, 3), slice(3, 7), slice(7, 10), slice(10, 12)  # slices of the attributes
+_NORMAL, _TANGENT = slice(0, 3), slice(3, 7)  # slices of the attributes, where a mesh is not flat
+_TO_EYE, _UV = slice(-5, -2), slice(-2, None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,14 +53,18 @@ class Surface:
         self._triangles: Any = mesh.triangles
         self._mesh, self._camera, self._resolution = mesh, camera, resolution
         to_eye = np.asarray(camera.position) - mesh.positions  # linear in the position, so it interpolates as that does
-        self._attributes: Any = np.concatenate([mesh.normals, mesh.tangents, to_eye, mesh.uv], -1)
+        directions = np.concatenate([mesh.normals, mesh.tangents], -1)
+        self._flat = _frames(directions[:1]) if (directions == directions[:1]).all() else None
+        varying = [directions] if self._flat is None else []
+        self._attributes: Any = np.concatenate([*varying, to_eye, mesh.uv], -1)
 
     def seen(self, offset: tuple[float, float] = (0.0, 0.0)) -> Points:
         """What all pixels see, with derivatives, at an offset of (columns, rows) from their centres."""
         rast, rast_db = self._rasterized(offset)
-        uv_channels = [_UV.start, _UV.start + 1]
+        count = self._attributes.shape[-1]
+        uv_channels = [count - 2, count - 1]
         image, image_da = raster.interpolate(self._attributes, rast, self._triangles, rast_db, diff_attrs=uv_channels)
-        return _points(rast[0], image[0], image_da[0], 0)
+        return _points(rast[0], image[0], image_da[0], 0, self._flat)
 
     def bands(self, offset: tuple[float, float]) -> Iterator[Points]:
         """The same without derivatives, some rows at a time, so that no image needs much memory at once."""
@@ -69,7 +74,7 @@ class Surface:
         for row in range(0, height, rows):
             band: Any = rast[:, row : row + rows]
             image, image_da = raster.interpolate(self._attributes, band, self._triangles)
-            yield _points(band[0], image[0], image_da[0], row * width)
+            yield _points(band[0], image[0], image_da[0], row * width, self._flat)
 
     def _rasterized(self, offset: tuple[float, float]) -> tuple[Any, Any]:
         clip: Any = self._camera.to_clip(self._mesh.positions, self._resolution, offset)[None]
@@ -99,17 +104,35 @@ def lit(points: Points, texels: NDArray[np.float32], model: str, lighting: Light
     return made
 
 
-def _points(rast: NDArray[Any], image: NDArray[Any], image_da: NDArray[Any], first: int) -> Points:
-    """The points of rows of an image from pixel `first` on: (h, W, 4) of `raster.rasterize`, (h, W, .) interpolated."""
-    covered = np.flatnonzero(rast[..., 3] > 0)
+def _points(
+    rast: NDArray[Any], image: NDArray[Any], image_da: NDArray[Any], first: int, flat: NDArray[np.float32] | None
+) -> Points:
+    """The points of rows of an image from pixel `first` on: (h, W, 4) of `raster.rasterize`, (h, W, .) interpolated.
+
+    Args:
+        flat: (1, 3, 3), the frame of a mesh that has one alone; its attributes are without normals and tangents.
+    """
+    seen = rast[..., 3] > 0
+    covered, whole = np.flatnonzero(seen), bool(seen.all())
 
     def of(pixels: NDArray[Any]) -> NDArray[Any]:
-        return pixels.reshape(len(rast) * rast.shape[1], pixels.shape[-1]).take(covered, axis=0)
+        rows = pixels.reshape(len(rast) * rast.shape[1], pixels.shape[-1])
+        return rows if whole else rows.take(covered, axis=0)
 
     values = of(image)
-    # Directions a component at a time, in float32: that is what shading takes, and a fraction of the time.
-    planes = values[:, : _UV.start].T.astype(np.float32, order="C")
-    frame = np.empty((3, 3, len(covered)), np.float32)
+    frame = _frames(values[:, : _TANGENT.stop]) if flat is None else np.broadcast_to(flat, (len(covered), 3, 3))
+    view = values[:, _TO_EYE].T.astype(np.float32, order="C")
+    _normalise(view)
+    return Points(covered + first, values[:, _UV], of(image_da), frame, view.T)
+
+
+def _frames(directions: NDArray[Any]) -> NDArray[np.float32]:
+    """(P, 3, 3) orthonormal frames of (P, 7) normals and tangents.
+
+    Directions a component at a time, in float32: that is what shading takes, and a fraction of the time.
+    """
+    planes = directions.T.astype(np.float32, order="C")
+    frame = np.empty((3, 3, len(directions)), np.float32)
     t, b, n = frame
     n[:] = planes[_NORMAL]
     _normalise(n)
@@ -122,9 +145,7 @@ def _points(rast: NDArray[Any], image: NDArray[Any], image_da: NDArray[Any], fir
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         np.multiply(n[j] * t[k] - n[k] * t[j], side, out=b[i])
-    view = planes[_TO_EYE]
-    _normalise(view)
-    return Points(covered + first, values[:, _UV], of(image_da), frame.transpose(2, 0, 1), view.T)
+    return frame.transpose(2, 0, 1)
 
 
 def _normalise(planes: NDArray[np.float32]) -> None:

@@ -10,7 +10,6 @@ from string import Template
 from mipbake.comparing.page.charts import curves
 from mipbake.comparing.page.facts import bullets, details
 from mipbake.comparing.page.markup import SPACE, TIMES, Content, Html, element, folded, joined, note
-from mipbake.comparing.page.pictures import Album
 from mipbake.comparing.page.scenes import REFERENCE, choices, film_names, films, picture_names, pictures, plots
 from mipbake.comparing.page.tables import curve_table, measure_tables, verdict_tables
 from mipbake.comparing.page.texels import thumbnails, view
@@ -21,11 +20,16 @@ from mipbake.material.filtered_source import FilteredSource
 RESULTS = "results.json"
 """The file of figures, which the page links to."""
 
+_UNMEASURED = (
+    "A first page, while everything is measured: it loads itself again as soon as the whole page is there. If mipbake "
+    "was stopped, this is all."
+)
+
 
 def document(
-    comparison: Comparison, source: FilteredSource | None, album: Album, progress: Callable[[float], None]
+    comparison: Comparison, source: FilteredSource | None, begun: bool, progress: Callable[[float], None]
 ) -> str:
-    """The page's HTML. The pictures are encoded on the way and kept in the album; arguments of `write_report`."""
+    """The page's HTML; arguments of `write_report`."""
     done, total = 0, len(comparison.films) + len(comparison.rendered) + len(comparison.plots) + 2
 
     def step() -> None:
@@ -33,41 +37,37 @@ def document(
         done += 1
         progress(done / (total + 1))
 
+    live = view(comparison, source)
+    step()
     sections: list[tuple[str, str, Content]] = []
+    if comparison.figures:
+        sections.append(("verdict", "Verdict", _verdict(comparison)))
     if comparison.films:
-        sections.append(("films", "Films", _films(comparison, films(comparison, album, step))))
+        sections.append(("films", "Films", _films(comparison, films(comparison, step))))
     if comparison.rendered:
-        sections.append(("pictures", "Pictures", _pictures(comparison, pictures(comparison, album, step))))
+        sections.append(("pictures", "Pictures", _pictures(comparison, pictures(comparison, step))))
     if comparison.curve:
         sections.append(("curves", "Over level of detail", _curves(comparison)))
-    if comparison.figures:
-        sections.append(("figures", "Every measure", _figures(comparison)))
     if comparison.plots:
-        text = "The paper on pixel-filter-aware MIP maps shows shimmer with these plots. Here they show this material."
-        sections.append(("motion", "In motion", [note(text), plots(comparison, album, step)]))
-    maps = thumbnails(comparison, album)
+        sections.append(("motion", "In motion", plots(comparison, step)))
+    if comparison.figures:
+        sections.append(("figures", "Every measure", folded("Tables", measure_tables(comparison))))
+    if maps := thumbnails(comparison):
+        sections.append(("maps", "Maps and levels", folded("Every map, level by level", maps)))
     step()
-    live, cropped = view(comparison, source)
-    step()
-    if live:
-        text = (
-            "Every level as it was baked, looked up once for each pixel. Turn the surface slowly: what shimmers, "
-            f"shimmers here. {cropped}"
-        )
-        sections.append(("view", "Interactive view", [note(text), live]))
-    if maps:
-        text = (
-            "As 8-bit files would look: colours sRGB-encoded, normals as (n + 1) / 2; large levels reduced, small ones "
-            "enlarged."
-        )
-        sections.append(("maps", "Maps and levels", [note(text), maps]))
-    sections.append(("details", "How this was made", details(comparison, RESULTS, album.files)))
+    made = folded("What was read, set and measured", details(comparison, RESULTS))
+    sections.append(("details", "How this was made", made))
     links = [element("a", title, href=f"#{key}") for key, title, _ in sections]
     main = [
-        element("section", element("h2", title, id=f"{key}-title"), body, id=key, aria_labelledby=f"{key}-title")
-        for key, title, body in sections
+        element("section", element("h2", title, id=f"{key}-title"), content, id=key, aria_labelledby=f"{key}-title")
+        for key, title, content in sections
     ]
-    body = [_head(comparison), element("nav", links, aria_label="Sections"), element("main", main)]
+    body = [
+        element("header", element("h1", comparison.name), element("p", _UNMEASURED, id="begun") if begun else None),
+        element("section", live, id="view", aria_label="Interactive view") if live else None,
+        element("nav", links, aria_label="Sections"),
+        element("main", _sentences(comparison.warnings, "Warnings", "warnings"), main),
+    ]
     # The template's own text holds no `$` but its fields; values are not searched for fields.
     return Template(_text("page.html")).substitute(
         title=joined(f"{comparison.name} · mipbake"),
@@ -81,7 +81,7 @@ def _text(name: str) -> str:
     return files(__package__ or "mipbake.comparing.page").joinpath(name).read_text(encoding="utf-8")
 
 
-def _head(comparison: Comparison) -> Html:
+def _verdict(comparison: Comparison) -> list[Content]:
     found = verdict(comparison)
     counts = (
         "A difference counts where its 95 % interval, over the same light-view pairs for both methods, does not hold 0."
@@ -89,17 +89,12 @@ def _head(comparison: Comparison) -> Html:
         else "No difference means that the 95 % intervals of the two figures overlap, or that both round to the same "
         "figure."
     )
-    return element(
-        "header",
-        element("p", "mipbake compare", class_="kicker"),
-        element("h1", comparison.name),
-        element("p", found.sentence, class_="verdict"),
-        _sentences(comparison.warnings, "Warnings", "warnings"),
-        verdict_tables(found),
+    more = [
         note(best_in_renders(comparison)) if comparison.rendered else None,
         note(counts) if found.closed or found.linear else None,
         _sentences(comparison.notes, "Notes", "notes"),
-    )
+    ]
+    return [element("p", found.sentence, class_="verdict"), verdict_tables(found), folded("Details", more)]
 
 
 def _sentences(sentences: tuple[str, ...], label: str, kind: str) -> Html | None:
@@ -151,7 +146,7 @@ def _films(comparison: Comparison, shown: Html) -> list[Html]:
     ]
     clock = element("div", element("span", "Films"), element("div", buttons), class_="clock")
     offered = choices(comparison, film_names(comparison))
-    return [element("p", text, element("span", keys, class_="js")), _bar(offered, clock), shown]
+    return [_bar(offered, clock), shown, folded("Details", element("p", text, element("span", keys, class_="js")))]
 
 
 def _pictures(comparison: Comparison, shown: Html) -> list[Html]:
@@ -160,18 +155,13 @@ def _pictures(comparison: Comparison, shown: Html) -> list[Html]:
         f"below the error of the closest method. Radiance x is shown as {'x / (1 + x)'.replace(' ', SPACE)}, "
         "sRGB-encoded."
     )
-    below = (
-        "Below each scene: every method and its FLIP map, which shows where a viewer would notice a difference from "
-        "the reference."
-    )
     keys = (
         " Drag the divider, or move it with the arrow keys; zoomed in, drag the picture. Click a picture of the strip "
         "to put it at A, with Shift at B."
     )
     which = _select("show", "Show", [("render", "renders"), ("flip", "FLIP maps")], "render")
     offered = choices(comparison, picture_names(comparison))
-    hint = element("span", keys, class_="js")
-    return [element("p", text), element("p", below, hint), _bar(offered, which), shown]
+    return [_bar(offered, which), shown, folded("Details", element("p", text, element("span", keys, class_="js")))]
 
 
 def _curves(comparison: Comparison) -> list[Html]:
@@ -179,12 +169,4 @@ def _curves(comparison: Comparison) -> list[Html]:
         "Bands are 95 % intervals over light-view pairs. They say how far a figure would move with other pairs; all "
         "methods were measured with the same pairs, so differences between methods are surer than the bands suggest."
     )
-    return [curves(comparison), note(text), folded("The curves as tables", curve_table(comparison))]
-
-
-def _figures(comparison: Comparison) -> list[Html]:
-    sorting = element("span", " A click on a column's heading sorts by it.", class_="js")
-    return [
-        note("The best figure of each column is marked; 95 % intervals stand below.", sorting),
-        measure_tables(comparison),
-    ]
+    return [curves(comparison), folded("The curves as tables", [note(text), curve_table(comparison)])]

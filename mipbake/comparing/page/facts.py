@@ -15,20 +15,18 @@ from mipbake.source.sources import DECISIONS
 _CONVENTIONS = {"opengl": "OpenGL (green is up)", "directx": "DirectX (green is down)"}
 
 
-def details(comparison: Comparison, results: str, images: Mapping[str, str]) -> list[Html]:
+def details(comparison: Comparison, results: str) -> list[Html]:
     """All of it.
 
     Args:
         results: the file of figures.
-        images: file to what it shows.
     """
     return [
         element("h3", "What was found and assumed"),
         _found(comparison.source),
         folded("The methods, and how long each took to bake", _methods(comparison)),
         _settings(comparison),
-        element("h3", "Files"),
-        _files(results, images),
+        element("p", element("a", results, href=results), ": every figure, curves in steps of a quarter level."),
     ]
 
 
@@ -104,11 +102,3 @@ def _value(value: Any) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     return f"{value:g}" if isinstance(value, float) else DASH if value is None else str(value)
-
-
-def _files(results: str, images: Mapping[str, str]) -> Html:
-    """Links to what lies beside the page."""
-    links = [element("li", element("a", label, href=file)) for file, label in images.items()]
-    figures = element("a", results, href=results), ": every figure on this page, curves in steps of a quarter level."
-    listed = folded(f"{len(links)} images as PNG files", element("ul", links, class_="files")) if links else None
-    return element("div", element("p", *figures), listed)

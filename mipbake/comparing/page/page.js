@@ -376,3 +376,18 @@ addEventListener('beforeprint', () => {
     unfolded.forEach((details) => { details.open = true; });
 });
 addEventListener('afterprint', () => unfolded.forEach((details) => { details.open = false; }));
+
+// ---- a first page waits for the whole one, whose script is beside it, and is loaded again as it is looked at
+
+if (document.getElementById('begun')) {
+    globalThis.wholePage = () => {
+        const { view } = document.querySelector('.mipbake-viewer')?.viewer ?? {};
+        try { sessionStorage.setItem(location.pathname, JSON.stringify(view ?? {})); } catch { /* it begins anew */ }
+        location.reload();
+    };
+    setInterval(() => {
+        const script = make('script', { src: `whole.js?${Date.now()}` });
+        script.onload = script.onerror = () => script.remove();
+        document.head.append(script);
+    }, 2000);
+}

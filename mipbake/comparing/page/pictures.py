@@ -1,27 +1,20 @@
-"""Pictures of a report: how they are coloured, encoded, named and kept.
-
-Every picture lies twice in a report: in the page, as lossless WebP, and as a PNG file in the folder `images`.
-"""
+"""Pictures of a report: how they are coloured and encoded."""
 
 from __future__ import annotations
 
 import base64
 import io
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.comparing.page.markup import Html, element
-from mipbake.comparing.result import file_stem
 from mipbake.quality.metrics import images as metrics
 
-IMAGES = "images"
-"""The folder of the files."""
-
+_SMALL = 64 * 64 * 3  # bytes
 _STOPS = 24  # places on the ramp that a page has
 _SHADES = 64  # shades of error maps: fewer than a byte has, so that maps compress
 
@@ -45,43 +38,14 @@ class Picture:
         return element("img", src=self.uri, alt=alt, decoding="async", **size, **attributes)
 
 
-@dataclass
-class Album:
-    """Encodes pictures and keeps them under names of their own.
+def encoded(pixels: NDArray[np.uint8], quality: int = 90) -> Picture:
+    """(H, W, 3) sRGB-encoded pixels, top row first, as WebP; small pictures, which are shown enlarged, without loss."""
+    from PIL import Image
 
-    Args:
-        folder: where the PNG files go, in a subfolder `images`.
-    """
-
-    folder: Path
-    files: dict[str, str] = field(default_factory=dict)
-    """File, relative to the folder, to what it shows."""
-
-    def add(self, title: str, pixels: NDArray[np.uint8], *names: str) -> Picture:
-        """Writes (H, W, 3) pixels, top row first, to a file called after the names.
-
-        Args:
-            title: what the file shows, for the list of files.
-            pixels: sRGB-encoded.
-            names: parts of the file's name, of any characters: those that are not letters or digits become hyphens.
-        """
-        stem = file_stem(*names)
-        file, number = f"{IMAGES}/{stem}.png", 1
-        while file in self.files:  # two names that differ in such characters only
-            number += 1
-            file = f"{IMAGES}/{stem}-{number}.png"
-        self.files[file] = title
-        from PIL import Image
-
-        image = Image.fromarray(np.ascontiguousarray(pixels))
-        path = self.folder / file
-        path.parent.mkdir(exist_ok=True)
-        image.save(path, compress_level=3)
-        buffer = io.BytesIO()
-        # Method 2 at quality 20 is within 3 % of the smallest files and takes a fifth of the time.
-        image.save(buffer, "WEBP", lossless=True, method=2, quality=20)
-        uri = f"data:image/webp;base64,{base64.b64encode(buffer.getvalue()).decode('ascii')}"
-        return Picture(uri, image.width, image.height)
+    image, buffer = Image.fromarray(np.ascontiguousarray(pixels)), io.BytesIO()
+    image.save(buffer, "WEBP", lossless=pixels.size < _SMALL, method=2, quality=quality)
+    uri = f"data:image/webp;base64,{base64.b64encode(buffer.getvalue()).decode('ascii')}"
+    return Picture(uri, image.width, image.height)
 
 
 # ---- colours

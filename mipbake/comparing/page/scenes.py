@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mipbake.comparing.page.charts import standing_out
 from mipbake.comparing.page.markup import Html, element, note, region
-from mipbake.comparing.page.pictures import Album, Picture, displayed_bytes, gradient_stops, heat
+from mipbake.comparing.page.pictures import displayed_bytes, encoded, gradient_stops, heat
 from mipbake.comparing.page.tables import number, title, unit
 from mipbake.comparing.page.verdict import verdict
 from mipbake.comparing.result import LINEAR, Comparison, Filmed, FilmedScene, Plot, Rendered, Scene
@@ -49,29 +49,29 @@ def choices(comparison: Comparison, names: Sequence[str]) -> tuple[list[str], st
     return [*names, REFERENCE], start, comparison.subject
 
 
-def films(comparison: Comparison, album: Album, step: Callable[[], None]) -> Html:
+def films(comparison: Comparison, step: Callable[[], None]) -> Html:
     """A figure for each film; `step` is called after each."""
     names, made = film_names(comparison), []
     for filmed in comparison.films:
-        made.append(_film(comparison, filmed, names, album))
+        made.append(_film(comparison, filmed, names))
         step()
     return element("div", made, class_="scenes")
 
 
-def pictures(comparison: Comparison, album: Album, step: Callable[[], None]) -> Html:
+def pictures(comparison: Comparison, step: Callable[[], None]) -> Html:
     """A figure for each scene that was rendered, with the error maps; `step` is called after each."""
     names, top, made = picture_names(comparison), flip_top(comparison), []
     for rendered in comparison.rendered:
-        made.append(_picture(comparison, rendered, names, top, album))
+        made.append(_picture(comparison, rendered, names, top))
         step()
     return Html(_colour_bar(top) + element("div", made, class_="scenes"))
 
 
-def plots(comparison: Comparison, album: Album, step: Callable[[], None]) -> Html:
+def plots(comparison: Comparison, step: Callable[[], None]) -> Html:
     """A figure for each plot: the reference, the methods that stand out, the others behind them in the strip."""
     names, made = picture_names(comparison), []
     for plot in comparison.plots:
-        made.append(_plot(plot, names, album))
+        made.append(_plot(plot, names))
         step()
     return element("div", made, class_="plots")
 
@@ -100,13 +100,13 @@ def _colour_bar(top: float) -> Html:
     return element("figure", ramp, element("div", ticks, class_="ramp-ticks", aria_hidden="true"), class_="colour-bar")
 
 
-def _film(comparison: Comparison, filmed: Filmed, names: Sequence[str], album: Album) -> Html:
+def _film(comparison: Comparison, filmed: Filmed, names: Sequence[str]) -> Html:
     scene, cells = filmed.scene, []
     style = f"aspect-ratio: {scene.resolution[1]} / {scene.resolution[0]}"
     for name, frames in _reference_first(filmed, names):
         alt = f"{scene.title}, {name}"
         sheet = frames.reshape(-1, *frames.shape[2:])
-        picture = album.add(f"{alt}, {len(frames)} frames below each other", sheet, scene.name, name)
+        picture = encoded(sheet, 85)
         shown = element("div", picture.html(alt, class_="render"), class_="frame", style=style)
         figures = _figures(comparison, name, scene.name, "")
         figures.sort(key=lambda f: MEASURES[f.measure].needs != "film")  # what judges films first
@@ -118,15 +118,12 @@ def _film(comparison: Comparison, filmed: Filmed, names: Sequence[str], album: A
                    data_fps=f"{scene.frames_per_second:g}")  # fmt: skip
 
 
-def _picture(comparison: Comparison, rendered: Rendered, names: Sequence[str], top: float, album: Album) -> Html:
+def _picture(comparison: Comparison, rendered: Rendered, names: Sequence[str], top: float) -> Html:
     scene, cells = rendered.scene, []
     for name, image in _reference_first(rendered, names):
         alt = f"{scene.title}, {name}"
-        picture = album.add(alt, displayed_bytes(image), scene.name, name)
-        flip: Picture | None = None
-        if name in rendered.flip:
-            title_of_map = f"{scene.title}, FLIP map of {name}"
-            flip = album.add(title_of_map, heat(rendered.flip[name], top), scene.name, name, "flip")
+        picture = encoded(displayed_bytes(image), 95)  # readers enlarge it
+        flip = encoded(heat(rendered.flip[name], top)) if name in rendered.flip else None
         # The error map, or the room that one would take.
         style = f"aspect-ratio: {picture.width} / {picture.height}"
         below = flip.html(f"FLIP map: {alt}", class_="flip") if flip else element("span", class_="no-flip", style=style)
@@ -139,11 +136,11 @@ def _picture(comparison: Comparison, rendered: Rendered, names: Sequence[str], t
     return _figure(scene, _described(scene), cells, "scene wide" if width > 1.6 * height else "scene")
 
 
-def _plot(plot: Plot, names: Sequence[str], album: Album) -> Html:
+def _plot(plot: Plot, names: Sequence[str]) -> Html:
     cells = []
     for name, image in _reference_first(plot, names):
         alt = f"{plot.title}, {name}"
-        picture = album.add(alt, displayed_bytes(image), plot.name, name)
+        picture = encoded(displayed_bytes(image))
         width = max(1, round(224 / max(picture.width, 1))) * picture.width
         cells.append(_cell(name, [picture.html(alt, class_="render", style=f"--width: {width}px")], None, []))
     return element("figure", _headed(plot.title, plot.caption, cells), class_="plot-figure")

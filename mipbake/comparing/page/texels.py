@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.comparing.page.markup import TIMES, Html, element, region
-from mipbake.comparing.page.pictures import Album, bytes_of
+from mipbake.comparing.page.markup import TIMES, Html, element, joined, note, region
+from mipbake.comparing.page.pictures import bytes_of, encoded
 from mipbake.comparing.result import LINEAR, Comparison
 from mipbake.comparing.viewer import texel_bytes, viewer_fragment
 from mipbake.material.filtered_source import FilteredSource
@@ -27,29 +27,29 @@ THUMBNAIL = 128
 THUMBNAIL_LEVELS = 6
 
 
-def view(comparison: Comparison, source: FilteredSource | None) -> tuple[Html, str]:
-    """The interactive view, and a sentence about what was left out of it; both empty without a stack.
+def view(comparison: Comparison, source: FilteredSource | None) -> Html:
+    """The interactive view, with a sentence about what was left out of it; empty without a stack.
 
-    It holds the stacks of the subject (A at first), the best closed form and `linear (box)` (B at first).
+    It holds the stack of `linear (box)`, which is before, the subject's, which is after, and the truth.
     """
-    names = dict.fromkeys((comparison.subject, comparison.best_closed_form, LINEAR))
-    chosen = {name: comparison.stacks[name] for name in names if name is not None and name in comparison.stacks}
+    names = {LINEAR: f"before: {LINEAR}", comparison.subject: f"after: {comparison.subject}"}
+    chosen = {name: comparison.stacks[key] for key, name in names.items() if key in comparison.stacks}
     if not chosen:
-        return Html(""), ""
-    size = next(iter(chosen.values())).size
+        return Html("")
+    size = next(reversed(chosen.values())).size
     chosen = {name: stack for name, stack in chosen.items() if stack.size == size}
     if source is not None and source.stored.shape[:2] != size:
         source = None
-    side, text = _window_side(list(chosen.values()), source), ""
+    side, text = _window_side(list(chosen.values()), source), None
     if max(size) > side:
         height, width = (min(length, side) for length in size)
-        text = (
+        text = note(
             f"The view holds {width} {TIMES} {height} of the set's {size[1]} {TIMES} {size[0]} texels, from its upper "
             "left corner at every level, to keep this page small; the window's borders do not meet where it repeats."
         )
         chosen = {name: _cropped(stack, side) for name, stack in chosen.items()}
         source = source and replace(source, stored=np.ascontiguousarray(source.stored[:side, :side]))
-    return Html(viewer_fragment(chosen, source)), text
+    return joined([Html(viewer_fragment(chosen, source)), text])
 
 
 def _window_side(stacks: Sequence[MipStack], source: FilteredSource | None) -> int:
@@ -75,18 +75,18 @@ def _cropped(stack: MipStack, side: int) -> MipStack:
 # ---- thumbnails
 
 
-def thumbnails(comparison: Comparison, album: Album) -> Html:
+def thumbnails(comparison: Comparison) -> Html:
     """The first levels of every map of the subject, and of `linear (box)` below for comparison."""
     groups: dict[str, list[Html]] = {}
     for name in dict.fromkeys((comparison.subject, LINEAR)):
         for layout, levels in comparison.stacks[name].maps() if name in comparison.stacks else ():
             if layout.shades or layout.name not in groups:  # maps that do not shade are the same in every stack
-                groups.setdefault(layout.name, []).append(_row(name, layout, levels, album))
+                groups.setdefault(layout.name, []).append(_row(name, layout, levels))
     sections = [element("section", element("h3", _spelt(key)), rows, class_="map") for key, rows in groups.items()]
     return element("div", sections, class_="maps") if sections else Html("")
 
 
-def _row(name: str, layout: MapLayout, levels: Sequence[NDArray[np.float32]], album: Album) -> Html:
+def _row(name: str, layout: MapLayout, levels: Sequence[NDArray[np.float32]]) -> Html:
     low, high = 0.0, 1.0
     if "log" in layout.encodings:  # logarithms have no bounds
         low, high = (float(f([f(level) for level in levels])) for f in (np.min, np.max))
@@ -94,7 +94,7 @@ def _row(name: str, layout: MapLayout, levels: Sequence[NDArray[np.float32]], al
     for index, level in enumerate(levels[:THUMBNAIL_LEVELS]):
         height, width = level.shape[:2]
         label = f"{_spelt(layout.name)}, {name}, level {index}"
-        picture = album.add(label, _pixels(level, layout, low, high), "map", layout.name, name, f"level-{index}")
+        picture = encoded(_pixels(level, layout, low, high))
         caption = element("figcaption", f"level {index}", element("small", f"{width} {TIMES} {height}"))
         cells.append(element("figure", picture.html(label, class_="texels"), caption))
     strip = region(f"{_spelt(layout.name)}: levels of {name}", cells, class_="strip small")

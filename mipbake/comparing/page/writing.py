@@ -13,14 +13,14 @@ from mipbake.base import json_text
 from mipbake.base.publish import check_place, published
 from mipbake.base.version import __version__
 from mipbake.comparing.page.document import RESULTS, document
-from mipbake.comparing.page.pictures import IMAGES, Album
 from mipbake.comparing.result import Comparison
 from mipbake.material.filtered_source import FilteredSource
 
 SCHEMA = "mipbake-comparison"
 SCHEMA_VERSION = 1
 
-PAGE = "index.html"
+PAGE, WHOLE = "index.html", "whole.js"
+"""The page, and a script that lies beside a whole one: first pages look for it, because scripts load from disk too."""
 
 
 def write_report(
@@ -28,33 +28,37 @@ def write_report(
     source: FilteredSource | None,
     folder: Path,
     progress: Callable[[str, float], None] = lambda _phase, _share: None,
+    begun: bool = False,
 ) -> list[Path]:
     """Writes a report into a folder, which appears under its name when it is complete.
 
-    An earlier report there is replaced; a folder that holds anything else is left alone.
+    An earlier report there is replaced; a folder that holds anything else is left alone. A browser that shows a first
+    page loads it again once the whole report has taken its place.
 
     Args:
         comparison: what was found.
         source: what the reference of the interactive view filters; None for a view without one.
         folder: where to. Missing parent folders are made.
         progress: called with "report" and the finished share, from 0 to 1.
+        begun: whether this is a first page, of stacks that are still to be measured.
 
     Returns:
-        The files: index.html, results.json, then the images.
+        The files: index.html, results.json and, beside a whole page, the script that first pages wait for.
 
     Raises:
         OutputError: the folder cannot be written, or holds something else.
     """
     results = {"schema": SCHEMA, "schema_version": SCHEMA_VERSION, "tool_version": __version__}
     with published(folder, is_report) as partial:
-        album = Album(partial)
-        page = document(comparison, source, album, lambda share: progress("report", share))
+        page = document(comparison, source, begun, lambda share: progress("report", share))
         text = json.dumps(_plain(results | comparison.to_dict()), indent=2, allow_nan=False, ensure_ascii=False)
         # Names of files need not be UTF-8: what cannot be encoded is escaped, as JSON escapes it.
         (partial / RESULTS).write_text(text + "\n", encoding="utf-8", errors="backslashreplace")
         (partial / PAGE).write_text(page, encoding="utf-8", errors="backslashreplace")
+        if not begun:
+            (partial / WHOLE).write_text("wholePage();\n")
     progress("report", 1.0)
-    return [folder / name for name in (PAGE, RESULTS, *album.files)]
+    return [folder / name for name in (PAGE, RESULTS, *([] if begun else [WHOLE]))]
 
 
 def check_report(folder: Path) -> None:
@@ -67,18 +71,10 @@ def is_report(folder: Path) -> bool:
     try:
         if json_text.parsed((folder / RESULTS).read_bytes())["schema"] != SCHEMA:
             return False
-        images = folder / IMAGES
-        inside = [*folder.iterdir(), *(images.iterdir() if images.is_dir() else ())]
+        inside = list(folder.iterdir())
     except (OSError, ValueError, KeyError, TypeError):
         return False
-    return all(
-        path == images
-        if path.is_dir()
-        else path.suffix == ".png"
-        if path.parent == images
-        else path.name in (PAGE, RESULTS)
-        for path in inside
-    )
+    return all(path.name in (PAGE, RESULTS, WHOLE) and path.is_file() for path in inside)
 
 
 def _plain(value: Any) -> Any:

@@ -7,10 +7,8 @@ were baked, none is made in the browser. Each side looks up its stack once per p
 
 from __future__ import annotations
 
-import base64
 import json
 import math
-import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
@@ -20,15 +18,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mipbake.base.errors import UsageError
+from mipbake.comparing.viewer.packing import Texels, packed
 from mipbake.material import MODELS, Kind, model_named
 from mipbake.material.filtered_source import FilteredSource
-from mipbake.material.pixel_filter import Wrap, filter_named
+from mipbake.material.pixel_filter import filter_named
 from mipbake.source.layout import LAYOUTS, to_file
 from mipbake.stack.stack import MipStack
 
-__all__ = ["LIGHTS", "texel_bytes", "viewer_fragment"]
+__all__ = ["LIGHTS", "TRUTH", "texel_bytes", "viewer_fragment"]
 
-_SCRIPTS = ("shaders.js", "shapes.js", "renderer.js", "viewer.js")
+TRUTH = "truth"
+"""What the view calls the reference."""
+
+_SCRIPTS = ("shaders.js", "shapes.js", "unpacking.js", "renderer.js", "viewer.js")
 
 _FILTER_BINS = 1024
 
@@ -91,7 +93,7 @@ def viewer_fragment(stacks: Mapping[str, MipStack], source: FilteredSource | Non
 
     Args:
         stacks: the name that the viewer shows, to the stack; the first and the last one are compared at first.
-        source: what the reference supersamples; without it there is no reference. With it, B is the reference at first
+        source: what the reference, TRUTH, supersamples; without it there is none. With it, B is the reference at first
             where there is one stack.
         half: texels in half floats, twice as large, instead of 8 bits (colours sRGB-encoded) as most engines store
             them. Stacks of models that store logarithms are in half floats always.
@@ -121,9 +123,28 @@ def _scene(stacks: Mapping[str, MipStack], source: FilteredSource | None, half: 
         raise UsageError("the viewer was given no stack: expected at least one")
     kernel = filter_named(source.pixel_filter if source else "box")  # without a source nothing looks at it
     offsets, weights = kernel.offsets((np.arange(_FILTER_BINS) + 0.5) / _FILTER_BINS)
+    shown = [(TRUTH, source.model, [source.stored], source.wrap)] if source else []
+    shown += [(name, stack.model, stack.levels, stack.wrap) for name, stack in stacks.items()]
+    described: list[dict[str, Any]] = []
+    texels = []
+    for name, model, levels, wrap in shown:
+        layout, halves = model_named(model), half or model_named(model).logarithms
+        colours = [group.start for group in layout.of(Kind.REFLECTANCE)]
+        described.append(
+            {
+                "name": name,
+                "model": model,
+                "wrap": list(wrap),
+                "half": halves,
+                "sizes": [level.shape[:2] for level in levels],
+                "srgb": [channels[0] in colours for channels in layout.view.textures],
+            }
+        )
+        texels.append(_texels(model, levels, halves))
     return {
-        "stacks": [_packed(name, s.model, s.levels, s.wrap, half) for name, s in stacks.items()],
-        "source": source and _packed("reference", source.model, [source.stored], source.wrap, half),
+        "images": described,
+        "source": source is not None,
+        "texels": packed(texels),
         "filter": {"offsets": np.round(offsets, 6).tolist(), "weights": np.round(weights, 6).tolist()},
         "lights": [
             {
@@ -143,28 +164,18 @@ def texel_bytes(model: str) -> int:
     return len(layout.view.textures) * 4 * (2 if layout.logarithms else 1)
 
 
-def _packed(name: str, model: str, levels: Sequence[NDArray[np.float32]], wrap: Wrap, half: bool) -> dict[str, Any]:
-    """One stack as textures of four channels: `maps`, each every level in one string of base64.
-
-    A level is taken apart into planes, byte k of every texel, whose bytes are differences to the left neighbour's: that
-    deflates better than the texels themselves. 8-bit texels have 4 planes, half floats 8.
-    """
-    layout = model_named(model)
-    half = half or layout.logarithms
-    stored = [np.asarray(level, np.float32) if half else _as_in_files(level, model) for level in levels]
-    colours = [group.start for group in layout.of(Kind.REFLECTANCE)]
-    maps = []
-    for channels in layout.view.textures:
-        planes = []
-        for level in stored:
+def _texels(model: str, levels: Sequence[NDArray[np.float32]], half: bool) -> Texels:
+    """The levels as textures of four channels: bytes, or half floats, two bytes each."""
+    made = []
+    for level in levels:
+        stored = np.asarray(level, np.float32) if half else _as_in_files(level, model)
+        textures = []
+        for channels in model_named(model).view.textures:
             texels = np.zeros((*level.shape[:2], 4), np.float16 if half else np.uint8)
-            texels[..., : len(channels)] = level[..., channels] if half else np.rint(255 * level[..., channels])
-            parts = np.ascontiguousarray(texels).view(np.uint8).reshape(*level.shape[:2], -1).transpose(2, 0, 1)
-            planes.append(np.diff(parts, axis=2, prepend=np.uint8(0)).tobytes())
-        data = base64.b64encode(zlib.compress(b"".join(planes), 6)).decode("ascii")
-        maps.append({"srgb": channels[0] in colours, "data": data})
-    sizes = [level.shape[:2] for level in levels]
-    return {"name": name, "model": model, "wrap": list(wrap), "half": half, "sizes": sizes, "maps": maps}
+            texels[..., : len(channels)] = stored[..., channels] if half else np.rint(255 * stored[..., channels])
+            textures.append(texels.view(np.uint8))
+        made.append(textures)
+    return Texels(f"{model}, {half}", made)
 
 
 def _as_in_files(level: NDArray[np.float32], model: str) -> NDArray[np.float64]:

@@ -1,28 +1,5 @@
 // WebGL2: uploads the levels as they were made, draws both sides into float targets, and composes the screen from them.
 
-// The levels of one packed map, deflated planes of bytes with horizontal differences (see `_packed` in __init__.py),
-// to one typed array for each level, texels interleaved.
-async function unpackedLevels(base64, sizes, bytesPerTexel) {
-    const packed = Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0));
-    const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream('deflate'));
-    const planes = new Uint8Array(await new Response(stream).arrayBuffer());
-    let read = 0;
-    return sizes.map(([height, width]) => {
-        const texels = new Uint8Array(height * width * bytesPerTexel);
-        for (let plane = 0; plane < bytesPerTexel; ++plane) {
-            for (let row = 0; row < height; ++row) {
-                let value = 0;
-                let write = row * width * bytesPerTexel + plane;
-                for (let column = 0; column < width; ++column, write += bytesPerTexel) {
-                    value = (value + planes[read++]) & 255;
-                    texels[write] = value;
-                }
-            }
-        }
-        return bytesPerTexel === 8 ? new Uint16Array(texels.buffer) : texels;
-    });
-}
-
 function perspective(fieldOfView, aspect, near, far) {  // column-major, as WebGL reads it
     const f = 1 / Math.tan(fieldOfView / 2);
     return [f / aspect, 0, 0, 0, 0, f, 0, 0, 0, 0, (near + far) / (near - far), -1, 0, 0, 2 * near * far / (near - far), 0];
@@ -126,33 +103,27 @@ class Renderer {
         gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_T, gl.CLAMP_TO_EDGE);
     }
 
-    // Every level is uploaded as it was baked: none is made here. Stacks that are not in `inUse` make room.
-    async load(stack, inUse) {
-        if (this.stacks.has(stack)) return;
-        const unpacked = await Promise.all(
-            stack.maps.map((map) => unpackedLevels(map.data, stack.sizes, stack.half ? 8 : 4)));
-        if (this.stacks.has(stack)) return;
-        const gl = this.gl;
-        for (const [other, textures] of this.stacks) {
-            if (inUse.includes(other)) continue;
-            textures.forEach((texture) => gl.deleteTexture(texture));
-            this.stacks.delete(other);
-        }
-        this.stacks.set(stack, unpacked.map((levels, index) => {
-            const format = stack.half ? gl.RGBA16F : stack.maps[index].srgb ? gl.SRGB8_ALPHA8 : gl.RGBA8;
-            const texture = gl.createTexture();
-            gl.bindTexture(gl.TEXTURE_2D, texture);
-            levels.forEach((texels, level) => {
-                const [height, width] = stack.sizes[level], type = stack.half ? gl.HALF_FLOAT : gl.UNSIGNED_BYTE;
-                gl.texImage2D(gl.TEXTURE_2D, level, format, width, height, 0, gl.RGBA, type, texels);
-            });
-            gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAX_LEVEL, levels.length - 1);
-            gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR_MIPMAP_LINEAR);
-            gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.LINEAR);
-            [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T].forEach((axis, i) =>
-                gl.texParameteri(gl.TEXTURE_2D, axis, stack.wrap[i] === 'wrap' ? gl.REPEAT : gl.CLAMP_TO_EDGE));
-            return texture;
-        }));
+    // Every level is uploaded as it was baked: none is made here.
+    async load() {
+        const gl = this.gl, { images, texels } = this.scene, loaded = await unpacked(texels, images);
+        this.scene.texels = null;
+        images.forEach((stack, number) => {
+            this.stacks.set(stack, stack.srgb.map((srgb, index) => {
+                const format = stack.half ? gl.RGBA16F : srgb ? gl.SRGB8_ALPHA8 : gl.RGBA8;
+                const texture = gl.createTexture();
+                gl.bindTexture(gl.TEXTURE_2D, texture);
+                loaded[number].forEach((textures, level) => {
+                    const [height, width] = stack.sizes[level], type = stack.half ? gl.HALF_FLOAT : gl.UNSIGNED_BYTE;
+                    gl.texImage2D(gl.TEXTURE_2D, level, format, width, height, 0, gl.RGBA, type, textures[index]);
+                });
+                gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAX_LEVEL, stack.sizes.length - 1);
+                gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR_MIPMAP_LINEAR);
+                gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.LINEAR);
+                [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T].forEach((axis, i) =>
+                    gl.texParameteri(gl.TEXTURE_2D, axis, stack.wrap[i] === 'wrap' ? gl.REPEAT : gl.CLAMP_TO_EDGE));
+                return texture;
+            }));
+        });
     }
 
     mesh(shape) {

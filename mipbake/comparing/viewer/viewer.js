@@ -4,7 +4,7 @@ const SHOWN = ['Shaded', 'Diffuse albedo', 'Reflectance at normal incidence', 'N
 const MODES = { split: 'Side by side', difference: 'Difference', one: 'A alone' };
 const KEYS = [
     ['arrows', 'look around'], ['+ −', 'closer, farther'], ['[ ]', 'move the divider'], ['1 2 3', 'plane, sphere, ball'],
-    ['s d a', 'side by side, difference, A alone'], ['r', 'reference in place of B, and back'], ['space', 'turn slowly'],
+    ['s d a', 'side by side, difference, A alone'], ['r', 'the truth in place of B, and back'], ['space', 'turn slowly'],
 ];
 
 const clamp = (x, low, high) => Math.min(Math.max(x, low), high);
@@ -22,7 +22,9 @@ class Viewer {
     constructor(root, scene) {
         this.root = root;
         this.scene = scene;
-        this.choices = [...scene.stacks, ...(scene.source ? [scene.source] : [])];
+        const [truth, stacks] = scene.source ? [scene.images[0], scene.images.slice(1)] : [null, scene.images];
+        Object.assign(scene, { source: truth, stacks });
+        this.choices = truth ? [...stacks, truth] : stacks;
         const lights = scene.lights[0];
         this.view = {
             a: 0, b: Math.min(this.choices.length - 1, scene.stacks.length > 1 ? scene.stacks.length - 1 : 1),
@@ -31,6 +33,7 @@ class Viewer {
             ...Viewer.pose('plane'),
         };
         if (this.choices.length === 1) this.view.mode = 'one';
+        Object.assign(this.view, keptView());
         this.methodB = this.view.b;
         this.controls = {};
         this.each = 16;
@@ -95,7 +98,8 @@ class Viewer {
                 Math.log2, (x) => 2 ** x)] : []),
             reset);
         const keys = element('dl', {}, ...KEYS.flatMap(([key, what]) => [element('dt', {}, key), element('dd', {}, what)]));
-        this.root.replaceChildren(top, this.stage, this.status, panel,
+        this.root.replaceChildren(top, this.stage, this.status,
+            element('details', { class: 'mv-more' }, element('summary', {}, 'Light, distance and what is shown'), panel),
             element('details', { class: 'mv-keys' }, element('summary', {}, 'Keys and gestures'),
                 element('p', {}, 'Drag to look around, click and turn the wheel or pinch for the distance, drag the divider.'), keys));
         this.listen();
@@ -263,10 +267,9 @@ class Viewer {
         const { view, renderer, scene } = this;
         const sides = [this.choices[view.a], this.choices[view.b] ?? this.choices[0]];
         const needed = view.mode === 'one' ? sides.slice(0, 1) : sides;
-        for (const stack of needed) {
-            if (renderer.stacks.has(stack)) continue;
-            this.status.textContent = `Unpacking ${stack.name} …`;
-            await renderer.load(stack, sides);
+        if (scene.texels) {
+            this.status.textContent = 'Unpacking …';
+            await renderer.load();
         }
         if (view.turning && this.last) this.view.azimuth += 6 * Math.min((now - this.last) / 1000, 0.1);
         this.last = view.turning ? now : null;
@@ -286,15 +289,15 @@ class Viewer {
         const waiting = reference && this.gathered < budget;
         if (!waiting) this.lastPass = null;
         if (!reference) this.status.textContent = `One lookup for each pixel${view.mode === 'one' ? '' : ', on both sides'}.`;
-        else if (view.turning) this.status.textContent = `While it turns the reference has ${samples} samples for each pixel: its grain is noise, not shimmer.`;
-        else if (waiting) this.status.textContent = `Reference: ${this.gathered} of ${budget} samples for each pixel`;
+        else if (view.turning) this.status.textContent = `While it turns the truth has ${samples} samples for each pixel: its grain is noise, not shimmer.`;
+        else if (waiting) this.status.textContent = `Truth: ${this.gathered} of ${budget} samples for each pixel`;
         else if (samples) this.status.textContent = this.verdict(sides, budget);
         if (view.turning || waiting) this.schedule();
     }
 
     // How far the method is from the reference in this view: 10 log10(sum R^2 / sum (P - R)^2) over the surface.
     verdict(sides, samples) {
-        const gathered = `${samples} samples for each pixel of the reference`;
+        const gathered = `${samples} samples for each pixel of the truth`;
         if (this.view.mode === 'one' || sides[0] === sides[1] || this.view.show !== 0) return `${gathered}.`;
         const reference = sides[0] === this.scene.source ? 0 : 1;
         const r = this.renderer.read(reference), p = this.renderer.read(1 - reference);
@@ -314,6 +317,17 @@ class Viewer {
             this.settled = () => { this.settled = null; resolve(); };
             this.change(changes);
         });
+    }
+}
+
+// What a reader had chosen on a first page (page.js keeps it), once.
+function keptView() {
+    try {
+        const kept = sessionStorage.getItem(location.pathname);
+        sessionStorage.removeItem(location.pathname);
+        return JSON.parse(kept ?? '{}');
+    } catch {
+        return {};
     }
 }
 
