@@ -139,7 +139,7 @@ def test_a_first_page_has_the_view_and_waits_for_the_whole_one(tmp_path: Path) -
     files = write_report(comparison, source, tmp_path / "r", begun=True)
     page = Page(files[0].read_text(encoding="utf-8"))
     assert [f.name for f in files] == ["index.html", "results.json"] and page.all("p", id="begun")
-    assert [a["id"] for a in page.all("section") if "id" in a] == ["view", "maps", "details"]
+    assert [a["id"] for a in page.all("section") if "id" in a] == ["view", "details"]
     whole = write_report(comparison, source, tmp_path / "r")
     assert whole[-1].name == "whole.js" and not Page(whole[0].read_text(encoding="utf-8")).all("p", id="begun")
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,13 @@ def is_array(value: Any) -> bool:
 
 def dtype_of(value: Any) -> str:
     """The dtype's name, such as "float32"."""
-    return str(value.dtype).removeprefix("torch.")
+    return _name(value.dtype)
+
+
+@cache
+def _name(dtype: Any) -> str:
+    """NumPy takes longer to name a dtype than a kernel takes for hundreds of elements."""
+    return str(dtype).removeprefix("torch.")
 
 
 def device_of(value: Any) -> str:

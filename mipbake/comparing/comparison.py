@@ -168,7 +168,7 @@ def compare(
         figures=(),
         settings=settings.to_dict(),
     )
-    planned = _planned(texture_set, empty, views, films)
+    planned = _planned(texture_set, empty, views, films) if conditions else empty
     for condition in conditions:
         if any(name in MEASURES and MEASURES[name].needs == "film" for name in condition.values):
             check_color_video_vdp()

@@ -124,7 +124,7 @@ class MeasureEffort:
         seed: fixes points, light-view pairs and samples.
         points: random pixels per level of detail, an equal share for every block of pairs, and at least one; fewer
             carry the tonemapped error and flicker.
-        samples: of the reference per pixel, in each of two estimates.
+        samples: of the reference per pixel, in each of two estimates; beside scales, half of them between scales.
         changes: the same two numbers for flicker, from the pixels that the set has at a level of detail, `points` and
             `samples`.
         intervals: whether the SNR of the curve has confidence intervals, which take thousands of draws.
@@ -190,7 +190,9 @@ def measure(
         index, part = divmod(item, len(parts))
         lod, some = every[index], scene[parts[part]]
         rngs = [np.random.default_rng([seed, index, block]) for block in range(BLOCKS)[parts[part]]]
-        found = list(at_rest(some, candidates, lod, Draws(own, samples, rngs), lod in shifted))
+        # Noise does not bias the SNR, which is all that places between scales have.
+        taken = samples if lod in shifted or not shifted else max(1, samples // 2)
+        found = list(at_rest(some, candidates, lod, Draws(own, taken, rngs), lod in shifted))
         if lod in shifted:
             count, most = drawn[lod]
             found += in_motion(some, candidates, lod, Draws(a_block(count), most, rngs))

@@ -52,7 +52,7 @@ def document(
         sections.append(("motion", "In motion", plots(comparison, step)))
     if comparison.figures:
         sections.append(("figures", "Every measure", folded("Tables", measure_tables(comparison))))
-    if maps := thumbnails(comparison):
+    if maps := None if begun else thumbnails(comparison):
         sections.append(("maps", "Maps and levels", folded("Every map, level by level", maps)))
     step()
     made = folded("What was read, set and measured", details(comparison, RESULTS))
