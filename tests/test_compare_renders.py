@@ -190,6 +190,23 @@ def test_pixel_filtered_methods_win_on_bumpy_gloss_and_renders_repeat(tmp_path: 
     assert (again.rendered.reference == result.rendered.reference).all()
 
 
+def test_of_methods_that_nobody_named_those_that_look_best_are_measured() -> None:
+    stored = bumpy()
+    forms = [("linear", "box"), ("linear", "gaussian"), ("lean", "box"), ("lean", "gaussian"), ("vmf", "gaussian")]
+    candidates, settings = baked(stored, *forms), RenderSettings(max_passes=32)
+    view, source = views()["sphere-near"], filtered(stored, "gaussian")
+    whole, some = (
+        render_view(view, source, candidates, settings, named=named, flicker=True) for named in (None, ["linear (box)"])
+    )
+    flip = {f.method: f.value for f in whole.figures if f.measure == "flip"}
+    best = sorted(flip.keys() - {"linear (box)"}, key=flip.__getitem__)[: pictures.LOOKED_AT]
+    assert set(some.rendered.images) == {"linear (box)", *best} == set(some.change.images if some.change else ())
+    assert list(whole.rendered.images) == [each.name for each in candidates]
+    for figure in some.figures:
+        if figure.measure == "flip":
+            assert figure.value == flip[figure.method]
+
+
 def test_the_stochastic_sampler_draws_a_shifted_picture_anew(monkeypatch: pytest.MonkeyPatch) -> None:
     """Else its noise would be the same in both, and no part of the flicker."""
     monkeypatch.setattr(pictures, "SHIFT", (0.0, 0.0))

@@ -242,6 +242,26 @@ def test_paper_shows_both_pictures_side_by_side(opened: Any) -> None:
     assert page.evaluate(folded) >= 3
 
 
+def test_a_first_page_becomes_the_whole_one_and_keeps_what_was_chosen(browser: Any, tmp_path: Path) -> None:
+    made, source = with_stacks(made_up(FILMED, 16), (8, 8))
+    first = write_report(replace(made, rendered=(), plots=(), figures=(), curve=()), source, tmp_path / "r", begun=True)
+    context = browser.new_context(viewport=DESKTOP)
+    page = context.new_page()
+    page.goto(first[0].as_uri())
+    viewer = "document.querySelector('.mipbake-viewer').viewer"
+    assert page.locator("#begun").is_visible() and page.locator("#figures").count() == 0
+    assert page.evaluate(f"() => {viewer}.choices.map((choice) => choice.name)") == [
+        "before: linear (box)", "after: neural", "truth",
+    ]  # fmt: skip
+    page.evaluate(f"() => {viewer}.set({{ shape: 'sphere', divider: 0.25 }})")
+    write_report(made, source, tmp_path / "r")
+    page.wait_for_selector("#figures", state="attached")
+    page.wait_for_function(f"() => {viewer}")
+    assert page.evaluate(f"() => [{viewer}.view.shape, {viewer}.view.divider]") == ["sphere", 0.25]
+    assert page.locator("#begun").count() == 0
+    context.close()
+
+
 def test_without_scripts_everything_is_there(opened: Any) -> None:
     page = opened(java_script_enabled=False)
     pictures = page.locator("#pictures .strip img.render")

@@ -25,9 +25,8 @@ from mipbake.comparing.scenes import View, shifted
 from mipbake.material.aim import DEFAULT_SAMPLER
 from mipbake.material.filtered_source import FilteredSource
 from mipbake.quality.figures import Candidate, Figure
-from mipbake.quality.metrics import MEASURES, Measured, hdr_flip_exposures
+from mipbake.quality.metrics import MEASURES, Measured, hdr_flip_exposures, ldr_flip
 from mipbake.quality.metrics.images import displayed
-from mipbake.quality.metrics.visible import visible_error
 from mipbake.quality.samplers import RenderSampler
 
 MAX_PASSES = 768
@@ -45,8 +44,8 @@ RESOLVED_SHARE = 0.2
 larger."""
 
 LOOKED_AT = 2
-"""Of the methods that nobody named, how many are measured in a view or a film: those that seem to look best. Which
-they are is found by `visible_error`, in a hundredth of the time that the measures take."""
+"""Of the methods that nobody named, how many have every measure in a view or a film: those that look best, by FLIP or
+by a few frames."""
 
 _MARGIN = 16  # pixels kept around the interior: beyond the reach of FLIP's filters and SSIM's window; not tuned
 _BRIGHT = 0.6  # linear value after x / (1 + x) that bright parts of a plot are scaled to
@@ -109,13 +108,8 @@ def render_view(
     moving = view.scale in SHIFTED_SCALES if flicker is None else flicker
     part = 0.35 if moving else 0.7  # share of the time that a reference takes
     still = _render(view, source, candidates, settings, 0, lambda share: progress(part * share))
-    interior, reference_shown = still.reference.interior[..., None], displayed(still.reference.image)
-    measured = looked_at(
-        list(still.frames),
-        lambda name: np.where(interior, displayed(still.frames[name].image), reference_shown),
-        reference_shown,
-        named,
-    )
+    measures = _Measures(still.reference)
+    measured = looked_at(list(still.frames), lambda name: measures.flip(still.frames[name]), named)
     still = still._replace(frames={name: still.frames[name] for name in measured})
     moved = None
     if moving:
@@ -137,7 +131,6 @@ def render_view(
     )
     figures: list[Figure] = []
     maps: dict[str, NDArray[np.float32]] = {}
-    measures = _Measures(reference)
     for index, (name, frame) in enumerate(still.frames.items()):
         values, maps[name] = measures.of(frame)
         if moved is not None:
@@ -156,19 +149,17 @@ def render_view(
 
 def looked_at(
     names: Sequence[str],
-    shown: Callable[[str], NDArray[np.floating]],
-    reference: NDArray[np.floating],
+    loss: Callable[[str], float],
     named: Collection[str] | None,
 ) -> list[str]:
     """Which methods are measured: those that are `named`, and LOOKED_AT others; all of them where that is None.
 
     Args:
-        names: of all. shown: what a method displays, and `reference` what is right: as `visible_error` takes them.
+        names: of all. loss: a number for each of the others, the smallest the best.
     """
     if named is None:
         return list(names)
-    others = [name for name in names if name not in named]
-    best = sorted(others, key=lambda name: visible_error(shown(name), reference))[:LOOKED_AT]
+    best = sorted((name for name in names if name not in named), key=loss)[:LOOKED_AT]
     return [name for name in names if name in named or name in best]
 
 
@@ -221,8 +212,7 @@ class _Measures:
         if not interior.any():
             return dict.fromkeys(wanted, math.nan), flip
         inside, real = self._inside, self._linear
-        linear = np.where(inside[..., None], frame.image[self._box], real)
-        display = np.where(inside[..., None], displayed(linear.astype(np.float64)), self._display)
+        linear, display = self._shown(frame)
         values: dict[str, float] = {}
         for name, measure in wanted.items():
             if measure.needs == "estimates":
@@ -240,6 +230,18 @@ class _Measures:
                 if name == "flip" and isinstance(found, Measured):
                     flip[self._box] = np.where(inside, found.per_pixel, 0)
         return values, flip
+
+    def flip(self, frame: Frame) -> float:
+        """FLIP alone, over the interior; infinite where there is none."""
+        if not self._reference.interior.any():
+            return math.inf
+        return ldr_flip(self._shown(frame)[1], self._display).mean_over(self._inside)
+
+    def _shown(self, frame: Frame) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+        """A picture within the reference outside of the interior, linear and displayed."""
+        inside = self._inside[..., None]
+        linear = np.where(inside, frame.image[self._box], self._linear)
+        return linear, np.where(inside, displayed(linear.astype(np.float64)), self._display)
 
 
 def _reach(used: NDArray[np.bool_]) -> slice:
