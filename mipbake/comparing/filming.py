@@ -161,8 +161,8 @@ def taken(
     sampling = Supersampling(scene.shots, source, settings.seed, settings.cache)
     if named is not None:
         sampling.advance(least, lambda share: progress(0.2 * share))
-        first, second, interior = (each[:_FIRST] for each in sampling.halves())
-        glance = FilmReference((first, second), interior)
+        one, other, inside = sampling.halves()
+        glance = FilmReference((one[:_FIRST], other[:_FIRST]), inside[:_FIRST])
         names = looked_at(names, lambda name: _loss(filmed(name, scene.shots[:_FIRST]), glance), named)
     frames: dict[str, Frames] = {}
     for index, name in enumerate(names):

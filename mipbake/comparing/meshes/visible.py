@@ -145,7 +145,8 @@ def _frames(directions: NDArray[Any]) -> NDArray[np.float32]:
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         np.multiply(n[j] * t[k] - n[k] * t[j], side, out=b[i])
-    return frame.transpose(2, 0, 1)
+    axes: NDArray[np.float32] = frame.transpose(2, 0, 1)
+    return axes
 
 
 def _normalise(planes: NDArray[np.float32]) -> None:
