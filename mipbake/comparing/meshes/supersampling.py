@@ -132,10 +132,9 @@ class Supersampling:
             if ratio <= 1 or self.passes >= most:
                 progress(1.0)
                 return found
-            # The noise falls at least with the root of the number of samples; what seems needed, but no more than
-            # double.
-            total = min(float(most), self.passes * ratio**2)
-            until = min(2 * math.ceil(self.passes / 2 * min(2.0, max(least_step, ratio**2))), most)
+            # Offsets of low discrepancy: the noise falls about with the number of samples, not with its root.
+            total = min(float(most), self.passes * ratio)
+            until = min(2 * math.ceil(self.passes / 2 * min(2.0, max(least_step, ratio))), most)
 
     def halves(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_]]:
         """Two independent, unbiased estimates, (T, H, W, 3) linear radiance, black where nothing is; and the interior,
