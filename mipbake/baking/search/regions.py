@@ -16,9 +16,6 @@ from mipbake import material, sampling
 from mipbake.baking.search.texel_coordinates import stored_adjoint, to_coordinates, to_stored
 from mipbake.quality.reference.problem import Image, Problem, Region
 
-COARSE = 128
-"""Texels a side up to which levels are optimised together: they are seen from afar, and cost next to nothing."""
-
 
 @dataclass(frozen=True)
 class TimedRegion:
@@ -40,17 +37,18 @@ def window(region: Region, size: tuple[int, int]) -> tuple[slice, slice]:
     return texels_between(region.top, region.bottom, height), texels_between(region.left, region.right, width)
 
 
-def timed_regions(problem: Problem, window: int, fine: bool, coarse: int = COARSE) -> Iterator[TimedRegion]:
+def timed_regions(problem: Problem, window: int, coarse: int) -> Iterator[TimedRegion]:
     """All regions, the coarsest levels first.
 
     Args:
         window: texels a side; larger levels are worked on in windows that share no texel and leave none out.
-        fine: whether levels larger than `coarse` texels a side take part.
+        coarse: texels a side up to which levels are optimised together: they are seen from afar, and cost next to
+            nothing.
     """
     sizes = problem.sizes
     first = sum(max(size) > coarse for size in sizes)
     yield TimedRegion(Region(0, 1, 0, 1, range(first, len(sizes))), float(coarse))
-    for level in range(first - 1, -1, -1) if fine else ():
+    for level in range(first - 1, -1, -1):
         height, width = sizes[level]
         rows, columns = -(-height // window), -(-width // window)
         top, left = (np.linspace(0, 1, count + 1).tolist() for count in (rows, columns))

@@ -7,7 +7,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from mipbake.baking.search.checkpoint import Checkpoint, Windows, start_of
 from mipbake.baking.search.forecast import FEWEST, Forecast
 from mipbake.baking.search.ingredients import Bench, Ingredient
 from mipbake.baking.search.long_run import NOT_KEPT, LongRun, time_text
-from mipbake.baking.search.regions import COARSE, timed_regions, window
+from mipbake.baking.search.regions import timed_regions, window
 from mipbake.baking.search.texel_descent import Descent, DescentEffort, descend
 from mipbake.base import memory
 from mipbake.material import directions
@@ -28,10 +28,8 @@ from mipbake.quality.judging.scores import DECIBEL, Score
 from mipbake.quality.judging.terms import TERMS, Array, Term, Weights, standard_error
 from mipbake.quality.metrics.pairs import PAIR_SETS
 from mipbake.quality.reference.problem import Image, Problem
-from mipbake.stack.measured import Measured, MeasuredBetween, MeasuredLevel
+from mipbake.stack.measured import Measured, MeasuredLevel
 
-# Most of the time that ingredients take; in a large set, an ingredient that takes longer is left out.
-_BAKING = 0.75
 _CHECKING = 0.04  # share of the time left after the blend, for judging what was gained
 _SOLVED_DB = 60.0  # SNR from which a level is left alone: its error is far below what 8 bits resolve
 
@@ -42,18 +40,18 @@ class Plan:
 
     Args:
         start: makes the stack that texels are optimised from: `blending.blend` or `blending.best`.
-        effort: of the descent on each region.
-        fine: whether levels of more than `coarse` texels a side take part in it.
+        effort: of the descent on each region; None where there is none.
         trust: rounds that the start is worth: it holds texels as so many past rounds would.
-        gathering: share of the work that ingredients are, for progress.
     """
 
     start: Callable[[Bench], Blend]
-    effort: DescentEffort
-    fine: bool = True
+    effort: DescentEffort | None
     trust: float = 0.0
-    gathering: float = 0.1
-    coarse: int = COARSE
+
+    @property
+    def gathering(self) -> float:
+        """Share of the work that ingredients are, for progress; a guess."""
+        return 0.95 if self.effort is None else 0.1
 
 
 @dataclass(eq=False)
@@ -65,7 +63,7 @@ class Search:
         progress: takes the finished share of the work, and notes.
         long_run: who may stop a descent, and what takes notes of it. checkpoint: what it is kept in; None for nothing.
         seconds: that it may take; infinite for no limit. began: time.monotonic() when it began.
-        start: a stack made of the ingredients. before: what the judge's renders say of it.
+        start: a stack made of the ingredients.
         levels: what became of it. kept: how much of each level's change was kept.
         done: regions that an earlier run of the program has optimised, by their indices.
         stopped: whether somebody stopped it before it was done.
@@ -81,7 +79,6 @@ class Search:
     seconds: float = math.inf
     began: float = field(default_factory=time.monotonic)
     start: Blend = field(init=False)
-    before: list[Score] = field(init=False)
     levels: list[Image] = field(init=False)
     kept: list[float] = field(init=False)
     done: frozenset[int] = frozenset()
@@ -101,26 +98,19 @@ class Search:
 
     def _made(self, ingredients: Sequence[Ingredient], plan: Plan) -> Blend:
         """A stack made of ingredients, whose lookups, hundreds of megabytes, nothing after this needs."""
+        share = plan.gathering
         bench = Bench(
-            self.problem,
-            ingredients,
-            self.effort,
-            self.judged_by,
-            self.seed,
-            lambda share: self.progress(plan.gathering * share),
-            self.began + _BAKING * self.seconds,
+            self.problem, ingredients, self.effort, self.judged_by, self.seed, lambda done: self.progress(share * done)
         )
-        if bench.pressing is not None:
-            enough = time_text((bench.pressing - self.began) / _BAKING)
-            self.long_run.note(
-                "the budget is too short to measure and to blend all ingredients, so some take no part: a budget of "
-                f"about {enough} would do"
-            )
         return plan.start(bench)
 
     def _begin_with(self, start: Blend) -> None:
-        self.start, self.before = start, start.check.of_stack(start.levels)
-        self.levels, self.kept = start.levels, [0.0] * len(start.levels)
+        self.start, self.levels, self.kept = start, start.levels, [0.0] * len(start.levels)
+
+    @cached_property
+    def before(self) -> list[Score]:
+        """What the judge's renders say of the start."""
+        return self.start.check.of_stack(self.start.levels)
 
     def descend(self, plan: Plan) -> None:
         """Optimises texels, from the coarsest levels on (texel_descent.py), until the time is over.
@@ -128,23 +118,24 @@ class Search:
         Each region has a share of the time. Where a region would get so little that a round or two is all, its levels
         stay as they are, and the other regions have its time.
         """
-        problem, start, last = self.problem, self.start, self.problem.last
+        problem, start, last, effort = self.problem, self.start, self.problem.last, plan.effort
+        if effort is None:
+            return
         timed = not math.isinf(self.seconds)
-        worst = np.array([score.decibels.min() for score in self.before])
-        moving = [bool((worst[max(0, 2 * i - 1) : 2 * i + 2] < _SOLVED_DB).any()) for i in range(last + 1)]
-        every = list(timed_regions(problem, plan.effort.window, plan.fine, plan.coarse))
+        moving = [bool(score.decibels.min() < _SOLVED_DB) for score in self.before]
+        every = list(timed_regions(problem, effort.window, effort.coarse))
         todo = [index for index, each in enumerate(every) if any(moving[i] for i in each.region.levels)]
         moved = {i for index in todo for i in every[index].region.levels}
         self.levels = [
             memory.copied(level) if i in moved and level is start.levels[i] else level
             for i, level in enumerate(self.levels)
         ]
-        descent = Descent(problem, moving, plan.effort, plan.trust, self.judged_by, start.typical)
+        descent = Descent(problem, moving, effort, plan.trust, self.judged_by, start.typical)
         end = self.began + self.seconds
         if timed:
             end -= _CHECKING * max(0.0, end - time.monotonic())
         ahead = [index for index in todo if index not in self.done]
-        forecast = Forecast(problem, plan.effort, every, ahead, self.began, self.seconds, end, self.long_run.note)
+        forecast = Forecast(problem, effort, every, ahead, self.began, self.seconds, end, self.long_run.note)
         total, done, seconds = sum(every[index].share for index in todo), dict[int, Windows](), self._spent
 
         def keep(now: bool = False) -> None:
@@ -207,50 +198,44 @@ class Search:
         if not any(changed):
             self.levels = start.levels
             return
-        cache: dict[tuple[int, int], tuple[Image, Image]] = {}
 
-        def texels(index: int, level: int, kept: float) -> Image:
-            if (index, level) not in cache:
-                first, second = both[level]
-                cache[index, level] = start.check.looked_up(first, index), start.check.looked_up(second, index)
-            return between(*cache[index, level], kept, target)
+        def texels(level: int, kept: float) -> Image:
+            first, second = (start.check.looked_up(each, level) for each in both[level])
+            return between(first, second, kept, target)
 
         # Nothing becomes worse than the start, which itself was held against every closed form that looks fine.
         baselines = [
             Baseline({name: _allowed(term, before.values[name], score) for name, term in TERMS.items()}, before.plain)
             for before, score in zip(start.judge.baselines, self.before, strict=True)
         ]
-        kept = confirmed(Judge(baselines, self.judged_by), start.check, texels, len(changed))
+        kept = confirmed(Judge(baselines, self.judged_by), start.check, texels)
         self.kept = [share if moved else 0.0 for share, moved in zip(kept, changed, strict=True)]
         levels = [_level_between(*each, share, target) for each, share in zip(both, self.kept, strict=True)]
         self.levels = directions.aligned(levels, target, self.problem.wrap)
 
     def measured(self) -> Measured:
-        """What held-out renders say of every level, and halfway between levels."""
+        """What held-out renders say of every level."""
         start = self.start
         found = start.held_out.of_stack(self.levels)
-        levels, between_levels = [], []
-        for lod, score, rivals in zip(start.held_out.lods, found, start.rivals, strict=True):
+        levels = []
+        for level, (score, rivals) in enumerate(zip(found, start.rivals, strict=True)):
             rows, others = score.log_errors, rivals.log_errors
-            figures = {
-                "snr": _by_set(-DECIBEL * rows.mean(1)),
-                "standard_error": _by_set(DECIBEL * standard_error(rows)),
-                "best_closed_form_snr": _by_set(-DECIBEL * others.mean(1)),
-                "gain_error": _by_set(DECIBEL * standard_error(rows - others)),
-            }
-            best = dict(zip(PAIR_SETS, rivals.names, strict=True))
-            if lod == int(lod):
-                level = int(lod)
-                sources, kept = start.sources[level], self.kept[level]
-                levels.append(
-                    MeasuredLevel(best_closed_form=best, level=level, sources=sources, refined=kept, **figures)
+            levels.append(
+                MeasuredLevel(
+                    _by_set(-DECIBEL * rows.mean(1)),
+                    _by_set(DECIBEL * standard_error(rows)),
+                    dict(zip(PAIR_SETS, rivals.names, strict=True)),
+                    _by_set(-DECIBEL * others.mean(1)),
+                    _by_set(DECIBEL * standard_error(rows - others)),
+                    level,
+                    start.sources[level],
+                    self.kept[level],
                 )
-            else:
-                between_levels.append(MeasuredBetween(best_closed_form=best, lod=lod, **figures))
+            )
         effort = start.held_out.effort
         pairs, points = effort.groups * SET_SIZE, effort.groups * effort.points
         visible = float(np.exp(np.mean([score.visible.mean(-1) for score in found] - start.plain)))
-        return Measured(tuple(levels), pairs, points, start.left_out, tuple(between_levels), round(visible, 4))
+        return Measured(tuple(levels), pairs, points, round(visible, 4))
 
 
 def _by_set(values: Array) -> dict[str, float]:

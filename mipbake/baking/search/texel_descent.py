@@ -63,7 +63,7 @@ class DescentEffort:
         samples: reference samples of a pixel of level 0; they double with every second level.
         looks: effort of the renders that say, after every few rounds, whether that still helps.
         window: regions of large sets are at most so many texels a side.
-
+        coarse: levels of at most so many texels a side are optimised together.
     """
 
     rounds: int = 40
@@ -71,10 +71,11 @@ class DescentEffort:
     pairs: int = 32
     samples: int = 8
     window: int = 512
+    coarse: int = 128
     looks: ProbeEffort = LOOKS
 
     def __post_init__(self) -> None:
-        least = {"rounds": 0, "steps": 1, "pairs": 4, "samples": 2, "window": 8}
+        least = {"rounds": 0, "steps": 1, "pairs": 4, "samples": 2, "window": 8, "coarse": 1}
         for name, low in least.items():
             value = getattr(self, name)
             if not isinstance(value, int) or value < low:

@@ -6,7 +6,7 @@ only these are made, and looked up with the bits of lookups in the whole level.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -31,30 +31,21 @@ class Touched:
     """Averages of closed forms at the texels that lookups read.
 
     Args:
-        sets: of renders, by all of whose probes stacks are looked up.
+        sets: of renders at every level, by all of whose probes stacks are looked up.
     """
 
     def __init__(self, problem: Problem, sets: Sequence[Scores]) -> None:
         self._problem, self._sets = problem, sets
         self._texels: list[NDArray[np.int64] | None] = []
-        self._taps: list[dict[tuple[int, int], LinearTaps]] = []
+        self._taps: list[list[LinearTaps]] = []
         self._averages: list[dict[str, Image]] = []
         for level, size in enumerate(problem.sizes):
-            here = {
-                (which, index): linear_taps(size, scores.places(index), problem.wrap)
-                for which, scores in enumerate(sets)
-                for index, probe in enumerate(scores.probes)
-                if level in probe.levels
-            }
-            texels = _read(size, [each.texels for each in here.values()])
+            here = [linear_taps(size, scores.places(level), problem.wrap) for scores in sets]
+            texels = _read(size, [each.texels for each in here])
             self._texels.append(texels)
             if texels is not None:
-                here = {key: replace(taps, texels=np.searchsorted(texels, taps.texels)) for key, taps in here.items()}
+                here = [replace(taps, texels=np.searchsorted(texels, taps.texels)) for taps in here]
             self._taps.append(here)
-
-    def probes(self, level: int) -> Iterable[tuple[int, int]]:
-        """The probes that look a level up: which of the sets, and the index in it."""
-        return self._taps[level]
 
     def gather(self, together: Together) -> None:
         """Takes what a pass averages at these texels."""
@@ -90,9 +81,9 @@ class Touched:
             out[some] = form.made(planes, level)
         return out
 
-    def seen(self, texels: Image, which: int, index: int, level: int) -> Image:
+    def seen(self, texels: Image, which: int, level: int) -> Image:
         """What a probe of a set sees of (N, C) texels of a level."""
-        return self._sets[which].seen(self._taps[level][which, index].mixed(texels), index)
+        return self._sets[which].seen(self._taps[level][which].mixed(texels), level)
 
 
 def _read(size: tuple[int, int], lookups: Sequence[NDArray[np.int64]]) -> NDArray[np.int64] | None:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mipbake.quality.judging.scores import Score
-from mipbake.quality.judging.terms import TERMS, Array, Weights, standard_error
+from mipbake.quality.judging.terms import ARRAYS, TERMS, Array, Weights, standard_error
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +64,13 @@ class Judge:
     def __init__(self, baselines: Sequence[Baseline], weights: Weights) -> None:
         self.baselines, self.weights = baselines, weights
         self._certain = [each.certainties for each in baselines]
+        rows = [(name, term.array) for name, term in TERMS.items()]
+        # Rows of an array are one operation, which takes as long as one row.
+        self._best = [
+            {array: np.stack([each.values[name] for name, of in rows if of == array]) for array in ARRAYS}
+            for each in baselines
+        ]
+        self._ties = np.array([weights.terms[name].tie for name in TERMS])
 
     def value(self, score: Score, index: int) -> float:
         """What a stack is worth at a level of detail, in nepers; less is better."""
@@ -74,10 +81,10 @@ class Judge:
     def behind(self, score: Score, index: int) -> Array:
         """(T,) by how much each term is behind the baseline, beyond chance; below 0 where it is ahead."""
         out = []
-        for name, term in TERMS.items():
-            lost = term.values(score) - self.baselines[index].values[name]
-            out.append(lost.mean() - self.weights.chance * standard_error(lost) - self.weights.terms[name].tie)
-        return np.array(out)
+        for array, best in self._best[index].items():
+            lost = getattr(score, array) - best
+            out.append(lost.mean(-1) - self.weights.chance * standard_error(lost))
+        return np.concatenate(out) - self._ties
 
     def groups_behind(self, score: Score, index: int) -> float:
         """The mean over groups of how much each is behind the rules of engines and tools, all pair sets together."""

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake.base.threads import side_by_side
 from mipbake.quality.judging.pairs import KINDS
 from mipbake.quality.judging.probes import Probe, ProbeEffort, mean_squares, probe
-from mipbake.quality.judging.terms import TERMS, Array
+from mipbake.quality.judging.terms import ARRAYS, Array
 from mipbake.quality.metrics.pairs import PAIR_SETS
 from mipbake.quality.metrics.visible import VisibleError
 from mipbake.quality.reference.estimate import bilinear
@@ -51,7 +52,7 @@ class Score:
     @property
     def terms(self) -> Array:
         """(T,) values of TERMS."""
-        return np.array([term.value(self) for term in TERMS.values()])
+        return np.concatenate([getattr(self, array).mean(-1) for array in ARRAYS])
 
     @property
     def decibels(self) -> Array:
@@ -119,10 +120,10 @@ class Scores:
         self.lods = [lod / 2 for lod in range(2 * problem.last + 1)] if lods is None else list(lods)
         where = whole(problem) if region is None else region
         seeds = [seed] if isinstance(seed, int) else seed
-        self.probes = [
-            probe(problem, where, lod, effort, np.random.default_rng([_STREAM, *seeds, round(2 * lod)]))
-            for lod in self.lods
-        ]
+        self.probes = side_by_side(
+            lambda lod: probe(problem, where, lod, effort, np.random.default_rng([_STREAM, *seeds, round(2 * lod)])),
+            self.lods,
+        )
 
     def places(self, index: int) -> Array:
         """(M, 2) uv of all lookups of a probe: of its points, and then the lookups of the pixels of its small pictures,
@@ -176,10 +177,12 @@ class Scores:
 
     def stack_errors(self, levels: Sequence[Image]) -> list[Errors]:
         """What a stack is off by at every probe."""
-        return [
-            self.errors(between_levels([self.looked_up(levels[level], index) for level in probe.levels]), index)
-            for index, probe in enumerate(self.probes)
-        ]
+
+        def errors(index: int) -> Errors:
+            seen = [self.looked_up(levels[level], index) for level in self.probes[index].levels]
+            return self.errors(between_levels(seen), index)
+
+        return side_by_side(errors, range(len(self.probes)))
 
     def of_stack(self, levels: Sequence[Image]) -> list[Score]:
         """The scores of a stack at every probe."""

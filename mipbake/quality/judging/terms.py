@@ -26,6 +26,9 @@ Array = NDArray[np.float64]
 LOG_ERRORS, POOLED, VISIBLE = "log_errors", "pooled", "visible"
 """Arrays of a `Score`: of groups of pairs, of bright pairs, and of small pictures."""
 
+ARRAYS = LOG_ERRORS, POOLED, VISIBLE
+"""All of them, in the order of TERMS."""
+
 _UNSURE = 0.35  # standard error of a logarithm
 
 
@@ -142,7 +145,7 @@ TERMS: Mapping[str, Term] = {
         Term("seen, slanted", VISIBLE, 1, _of_pictures, Weight(0.0, 0.0, _SEEN_TIE)),
     )
 }
-"""The terms by their names, in the order that arrays of all terms have."""
+"""The terms by their names, in the order that arrays of all terms have: array by array, and row by row."""
 
 PICTURES = tuple(name for name, term in TERMS.items() if term.visible)
 """The terms of what people see: the visible error of small pictures that face the viewer, and of slanted ones
