@@ -12,18 +12,16 @@ import importlib
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
 from mipbake.baking.search import checkpoint, rounds, stages
 from mipbake.baking.search.methods import Refine
-from mipbake.baking.search.stages import Plan
 from mipbake.baking.search.texel_descent import DescentEffort
 from mipbake.quality.judging.probes import ProbeEffort
 
 FEW = ProbeEffort(groups=2, points=4, samples=2, pictures=8, picture_samples=2)
-SOME_ROUNDS = DescentEffort(rounds=6, pairs=8, samples=2, window=16, looks=FEW)
+SOME_ROUNDS = DescentEffort(rounds=6, pairs=8, samples=2, window=16, coarse=8, looks=FEW)
 
 
 class ManyRegions(Refine):
@@ -31,11 +29,6 @@ class ManyRegions(Refine):
 
     def __init__(self, *given: Any, **named: Any) -> None:
         super().__init__(*given, **{"effort": FEW, "descent": SOME_ROUNDS, **named})
-
-    @property
-    def plan(self) -> Plan:
-        """Coarse levels are few."""
-        return replace(super().plan, coarse=8)
 
 
 def without_pauses(change: Callable[[object, str, Any], None] = setattr) -> None:

@@ -16,7 +16,7 @@ from mipbake.baking.search.regions import timed_regions
 from mipbake.quality.reference.problem import Problem
 
 PROBLEM = Problem(np.zeros((2048, 1024, 8), np.float32), "gltf", "gltf", "gaussian", ("wrap", "wrap"))
-REGIONS = list(timed_regions(PROBLEM, REFINING.window, True))
+REGIONS = list(timed_regions(PROBLEM, REFINING.window, REFINING.coarse))
 COSTS = [cost_of_round(PROBLEM, timed, REFINING) for timed in REGIONS]
 PACE = 7e-7
 ALL = (REFINING.rounds + 1) * sum(COSTS) * PACE

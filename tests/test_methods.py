@@ -121,8 +121,9 @@ def test_auto_refines_with_a_budget_alone() -> None:
         assert isinstance(usual, Searching) and usual.seconds == seconds
         assert [each.seconds for each in found if isinstance(each, Searching)] == [90, None]
     for kind in (Auto, Refine, Optimum):
-        assert all(kind(budget=budget, descent=given).plan.effort == given for budget in (None, "30s", "best"))
-    assert Auto(budget="30s").plan == Refine(budget="30s").plan != Auto().plan
+        assert all(kind(budget=budget, descent=given).plan.effort == given for budget in ("30s", "best"))
+    assert Auto(budget="30s").plan == Refine(budget="30s").plan
+    assert Auto(descent=given).plan.effort is None
 
 
 @pytest.mark.parametrize("option", OPTIONS)

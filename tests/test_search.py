@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import re
-import time
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -20,9 +18,8 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from mipbake.baking.methods import METHODS, method_named
 from mipbake.baking.prefilter import PrefilterResult
-from mipbake.baking.search.blending import blend, confirmed
+from mipbake.baking.search.blending import confirmed
 from mipbake.baking.search.ingredients import Bench, closed_forms, ingredient
-from mipbake.baking.search.long_run import LongRun
 from mipbake.baking.search.methods import Auto, Refine
 from mipbake.base.errors import UsageError
 from mipbake.material.filtered_source import FilteredSource
@@ -84,7 +81,7 @@ def two() -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def solved(two: np.ndarray) -> PrefilterResult:
-    method = Auto(effort=SMALL, descent=SHORT, judged_by=PAIRS_ALONE)
+    method = Auto(effort=SMALL, judged_by=PAIRS_ALONE)
     return method(two, "gltf", "gltf", "gaussian", WRAP, lambda _: None)
 
 
@@ -110,14 +107,12 @@ def test_what_is_measured_is_what_others_measure(two: np.ndarray, solved: Prefil
     found = solved.measured
     assert solved.weights is not None  # the network has a share
     assert found is not None and [each.level for each in found.levels] == list(range(6))
-    assert [each.lod for each in found.between] == [level + 0.5 for level in range(5)]
     for each, name in itertools.product(found.levels, PAIR_SETS):
         assert each.gain(name) > 0.4, (each.level, name)  # the least of all: mean 2.73, standard deviation 0.58
         assert each.best_closed_form[name].split(" ")[0] in METHODS
-    places = [(each.level, each) for each in found.levels] + [(each.lod, each) for each in found.between]
     off = {
-        (lod, name): each.snr[name] - measured({"auto": solved.levels}, two, lod, name, 12)["auto"]
-        for (lod, each), name in itertools.product(places, PAIR_SETS)
+        (each.level, name): each.snr[name] - measured({"auto": solved.levels}, two, each.level, name, 12)["auto"]
+        for each, name in itertools.product(found.levels, PAIR_SETS)
     }
     assert max(map(abs, off.values())) < 4.1, off  # mean 2.25, standard deviation 0.44
     assert np.sqrt(np.mean(np.square([*off.values()]))) < 1.8, off  # mean 0.98, standard deviation 0.20
@@ -140,20 +135,21 @@ def test_a_gain_in_the_mean_is_no_excuse_for_a_group_that_loses() -> None:
     for plain, check.lost, kept in ((nothing, 1.0, 0.0), (nothing, -1.0, 1.0), (None, 1.0, 1.0)):
         nothing_there = Score(nothing, np.zeros((2 * sets, 4)), np.zeros((len(PICTURES), 4)))
         judge = Judge([Baseline.of(nothing_there, plain)], WEIGHTS)
-        found = confirmed(judge, check, lambda _i, _l, share: np.float32(share), 1)  # type: ignore[arg-type]
+        found = confirmed(judge, check, lambda _, share: np.float32(share))  # type: ignore[arg-type]
         assert found == [kept]
 
 
 def test_a_blend_is_held_against_forms_that_look_fine() -> None:
     """And in what people see against every ingredient."""
     task = Problem(material_of_two(32), "gltf", "gltf", "gaussian", WRAP)
-    better = Auto(effort=TINY, descent=replace(SHORT, rounds=2), judged_by=SEEN_ALONE)
+    better = Refine(budget="best", effort=TINY, descent=replace(SHORT, rounds=2), judged_by=SEEN_ALONE)
     bench = Bench(task, [*closed_forms(task), ingredient(task, better, "gaussian")], TINY, WEIGHTS)
     ahead = 0
     for looks_worse in (0.5, math.inf):
         left_out = 0
-        for index, scores in enumerate(bench.judged):
-            values = (baseline := bench.baseline(1, index, looks_worse)).values
+        for level, every_score in enumerate(bench.scores):
+            scores = {name: each for name, each in every_score.items() if name != "refine"}
+            values = (baseline := bench.baseline(level, looks_worse)).values
             least = np.array([values[name].mean() for name in PICTURES])
             lead = np.min([score.visible.mean(-1) for score in scores.values()], 0) - least
             assert (lead >= 0).all()
@@ -174,43 +170,17 @@ def test_a_blend_is_held_against_forms_that_look_fine() -> None:
     assert ahead > 0  # what is no closed form looks best somewhere
 
 
-@pytest.mark.long
-def test_ingredients_that_would_take_too_long_are_left_out(two: np.ndarray) -> None:
-    """All but the base where time is over; of the others those that are expected in time."""
-    task = Problem(two, "gltf", "gltf", "gaussian", WRAP)
-    ingredients = list(closed_forms(task))
-    made = blend(Bench(task, ingredients, TINY, WEIGHTS, deadline=0.0))
-    assert set(itertools.chain(*made.sources)) == {"linear (gaussian)"}
-
-    slow = {"lean", "unreal"}
-    late = [replace(c, part=lambda _: time.sleep(1)) if c.name.split()[0] in slow else c for c in ingredients]
-    # A part is a quarter of the set, which would then take over 4 seconds.
-    made = blend(Bench(task, late, TINY, WEIGHTS, deadline=time.monotonic() + 4))
-    names = set(itertools.chain(*made.sources)) | {name for each in made.rivals for name in each.names}
-    assert names and not any(name.split()[0] in slow for name in names)
-
-
-def test_without_time_the_blend_stays_and_a_note_says_which_budget_would_do() -> None:
-    stored, notes = np.tile(material_of_two(16), (9, 1, 1)), list[str]()
-    result = Refine(budget="0.001s", effort=TINY, long_run=LongRun(note=notes.append))(
-        stored, "gltf", "gltf", "gaussian", WRAP, lambda _: None
-    )
-    assert result.measured is not None and result.weights is None
-    assert "lean (box)" in result.measured.left_out  # what was not measured is named, and nobody's best
-    names = {name for each in result.measured.levels for name in each.best_closed_form.values()}
-    assert not names & set(result.measured.left_out)
-    task = Problem(stored, "gltf", "gltf", "gaussian", WRAP)
-    assert equal(blend(Bench(task, list(closed_forms(task)), TINY, WEIGHTS, deadline=0.0)).levels, result.levels)
-    (note,) = notes
-    assert re.fullmatch(r"the budget is too short .*: a budget of about [\d.]+ (s|min) would do", note)
+def test_without_time_the_blend_stays() -> None:
+    stored = np.tile(material_of_two(16), (9, 1, 1))
+    result = Refine(budget="0.001s", effort=TINY)(stored, "gltf", "gltf", "gaussian", WRAP, lambda _: None)
+    assert result.measured is not None and {each.refined for each in result.measured.levels} == {0.0}
+    assert equal(Auto(effort=TINY)(stored, "gltf", "gltf", "gaussian", WRAP, lambda _: None).levels, result.levels)
 
 
 @pytest.mark.long
 def test_refining_gains_on_pairs_it_never_saw_and_says_so(two: np.ndarray) -> None:
-    """Beside the blend that it starts from. What `auto` gives for so small a set is refined already."""
-    blended = Auto(effort=SMALL, descent=replace(SHORT, rounds=0))(
-        two, "gltf", "gltf", "gaussian", WRAP, lambda _: None
-    )
+    """Beside the blend that it starts from."""
+    blended = Auto(effort=SMALL)(two, "gltf", "gltf", "gaussian", WRAP, lambda _: None)
     notes: list[str] = []
     shares: list[float] = []
 
@@ -240,7 +210,7 @@ def test_models_without_weights_blend_closed_forms_alone(monkeypatch: pytest.Mon
     stored = material_of_two(8)
     result = run("auto", stored, "beckmann", "mitchell")
     assert result.weights is None
-    assert result.measured is not None and not result.measured.left_out
+    assert result.measured is not None
     assert not any("neural" in each.sources for each in result.measured.levels)
     info = next(info for info in list_weights() if "mitchell" not in info.pixel_filters)
     with pytest.raises(UsageError, match=rf"weights {info.name} are for"):
@@ -255,7 +225,9 @@ def test_a_search_adds_up_in_one_order_on_any_number_of_cores() -> None:
         threads.update(each["num_threads"] for each in threadpool_info() if each["user_api"] == "blas" and share < 1)
 
     with threadpool_limits(2, user_api="blas"):
-        Auto(effort=TINY, descent=TWO_ROUNDS)(material_of_two(8), "gltf", "gltf", "gaussian", WRAP, look)
+        Refine(budget="best", effort=TINY, descent=TWO_ROUNDS)(
+            material_of_two(8), "gltf", "gltf", "gaussian", WRAP, look
+        )
         after = {each["num_threads"] for each in threadpool_info() if each["user_api"] == "blas"}
     if not after:
         pytest.skip("NumPy's library is none that threadpoolctl knows")
