@@ -144,7 +144,7 @@ class Bench:
         self._kept: dict[str, list[Image]] = {}
         self._seen: dict[tuple[str, int, int], Image] = {}
         self.sets = renders(problem, effort, seed)
-        progress(0.4)
+        progress(0.3)
         self.whole = Whole(problem.stored, problem.source)
         self.typical: Image | None = None
         # Signs of directions hang on whole levels: without them, levels of closed forms need not exist.
@@ -152,11 +152,11 @@ class Bench:
         if MODELS[problem.target].lines is None:
             self.forms = {each.name: each.form(self.whole) for each in ingredients if each.form is not None}
             self._look_together()
-        progress(0.6)
+        progress(0.4)
         for name in dict.fromkeys([self.base, *self._ingredients]):
             if name not in self.forms:
                 self._look(name)
-        progress(0.9)
+        progress(0.7)
         self.scores = side_by_side(
             lambda level: {name: self._score(name, FITTED, level) for name in self._ingredients},
             range(problem.last + 1),

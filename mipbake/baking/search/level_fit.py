@@ -30,11 +30,11 @@ from mipbake.quality.reference.problem import Image
 from mipbake.quality.samplers import in_frames
 from mipbake.shading.adjoint import shade_adjoint
 
-_ITERATIONS, _ENOUGH = 4, 0.02  # most steps, and nepers gained by one that are too few to go on
+_ITERATIONS, _ENOUGH = 2, 0.02  # most steps, and nepers gained by one that are too few to go on
 _STRIDE = 8  # one in so many pairs takes part in curvature
-_COMBINATIONS = 2  # of the bands of a picture in curvature
-_DAMPING = 1e-3  # in units of a block's own curvature
-_RIDGE, _RANGE = 0.2, (-0.5, 1.5)  # holds shares, which run off where ingredients all but agree
+_COMBINATIONS = 1  # of the bands of a picture in curvature
+_DAMPING = 0.1  # in units of a block's own curvature
+_RIDGE, _RANGE = 0.3, (-0.5, 1.5)  # holds shares, which run off where ingredients all but agree
 
 
 @dataclass(frozen=True)

@@ -50,8 +50,9 @@ OPTIMISING = DescentEffort()
 
 # Rounds that a blend is worth: measured against 4 and 50, after 6 rounds and after 24; no record holds the figures.
 _TRUST = 12.0
-# Of a blend alone: points of a group; groups and pictures for each texel a side, and the sides that they grow between.
-_POINTS, _GROUPS, _PICTURES, _SIDES = 16, 1 / 21, 1 / 8, (256, 1024)
+# Of a blend alone: groups and pictures at the least side, the power of the side that they grow with, and the sides that
+# they grow between. Guesses: a part of what the network of a set costs.
+_GROUPS, _PICTURES, _POWER, _SIDES = 8, 32, 0.75, (256, 1024)
 
 
 class Searching:
@@ -74,7 +75,7 @@ class Searching:
     summary: str
     averages = False
     own_memory = 1 << 30
-    """The pictures and pixels that it measures with, and what ingredients show there; measured, for `auto`."""
+    """The pictures and pixels that it measures with, and what ingredients show there; measured while it refined."""
     learned = True
     """Whether a network is among the ingredients."""
     usual_seconds: float | None = None
@@ -171,10 +172,11 @@ class Searching:
 
 
 def blending_effort(height: int, width: int) -> ProbeEffort:
-    """Effort for a blend of which no texels are optimised, in proportion to the root of the network's."""
+    """Effort for a blend alone: small sets, whose networks take no time, have fewer renders."""
     low, high = _SIDES
-    side = min(max(math.sqrt(height * width), low), high)
-    return ProbeEffort(round(_GROUPS * side), _POINTS, pictures=round(_PICTURES * side), picture_samples=4, doublings=1)
+    growth = (min(max(math.sqrt(height * width), low), high) / low) ** _POWER
+    groups, pictures = (round(each * growth) for each in (_GROUPS, _PICTURES))
+    return ProbeEffort(groups, points=16, pictures=pictures, picture_samples=2, doublings=1)
 
 
 def _hash(*content: object) -> str:
@@ -211,6 +213,8 @@ class Auto(Refine):
         "(twice as long as neural)"
     )
     usual_seconds = None
+    own_memory = 1 << 28
+    """Measured without a budget."""
 
     @property
     def long(self) -> bool:
