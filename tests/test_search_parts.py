@@ -150,7 +150,7 @@ def test_shares_are_fitted_to_what_is_seen(sampler: Sampler) -> None:
     def worth(theta: np.ndarray) -> float:
         """With what holds shares where the fit begins: at none."""
         texels = seen[0] + np.tensordot(theta.astype(np.float32), made, 1)
-        return judge.value(scores.of(texels.astype(np.float32), 0), 0) + 0.3 * float(np.square(theta).sum())
+        return judge.value(scores.of(texels.astype(np.float32), 0), 0) + 0.5 * float(np.square(theta).sum())
 
     assert worth(found) < worth(np.zeros(4)) - 0.05 and found[0] != 0 and found[2] != 0
     for share in (0, 2):  # colour and roughness; the others change nothing

@@ -30,11 +30,11 @@ from mipbake.quality.reference.problem import Image
 from mipbake.quality.samplers import in_frames
 from mipbake.shading.adjoint import shade_adjoint
 
-_ITERATIONS, _ENOUGH = 2, 0.02  # most steps, and nepers gained by one that are too few to go on
+_ITERATIONS, _ENOUGH = 3, 0.05  # most steps, and nepers gained by one that are too few to go on
 _STRIDE = 8  # one in so many pairs takes part in curvature
 _COMBINATIONS = 1  # of the bands of a picture in curvature
 _DAMPING = 0.1  # in units of a block's own curvature
-_RIDGE, _RANGE = 0.3, (-0.5, 1.5)  # holds shares, which run off where ingredients all but agree
+_RIDGE, _RANGE = 0.5, (-0.5, 1.5)  # holds shares, which run off where ingredients all but agree
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,9 @@ def columns(base: Image, others: Sequence[Image], model: str) -> Image:
     return out
 
 
-def fit_level(seen: SeenAt, scores: Scores, judge: Judge, starts: Sequence[Array]) -> NDArray[np.float32]:
+def fit_level(
+    seen: SeenAt, scores: Scores, judge: Judge, starts: Sequence[NDArray[np.floating]]
+) -> NDArray[np.float32]:
     """(J,) shares of the columns of a level.
 
     Args:
@@ -100,11 +102,11 @@ class _Error:
         self._single = self._groups * self._points
         self._columns = np.ascontiguousarray(np.moveaxis(seen.columns, 0, -1))  # (N, C, J)
 
-    def value(self, theta: Array) -> float:
+    def value(self, theta: NDArray[np.floating]) -> float:
         """What is minimised, in nepers."""
         return self._judge.value(self._scores.of(self._texels(theta), self._seen.index), self._seen.index)
 
-    def equations(self, theta: Array, turn: int) -> tuple[Array, Array]:
+    def equations(self, theta: NDArray[np.floating], turn: int) -> tuple[Array, Array]:
         """(J,) slope of the value by the shares, and (J, J) its Gauss-Newton curvature."""
         rng = np.random.default_rng(turn)
         texels, probe = self._texels(theta), self._probe
@@ -130,7 +132,7 @@ class _Error:
         curvature = along.T @ along
         return slope.astype(np.float64), curvature.astype(np.float64)
 
-    def _texels(self, theta: Array) -> Image:
+    def _texels(self, theta: NDArray[np.floating]) -> Image:
         base = self._seen.base
         added = self._columns.reshape(base.size, -1) @ theta.astype(np.float32)
         return material.regularise(base + added.reshape(base.shape), self._model)

@@ -84,7 +84,7 @@ class Judge:
         for array, best in self._best[index].items():
             lost = getattr(score, array) - best
             out.append(lost.mean(-1) - self.weights.chance * standard_error(lost))
-        return np.concatenate(out) - self._ties
+        return np.asarray(np.concatenate(out) - self._ties)
 
     def groups_behind(self, score: Score, index: int) -> float:
         """The mean over groups of how much each is behind the rules of engines and tools, all pair sets together."""

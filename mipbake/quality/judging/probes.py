@@ -36,7 +36,6 @@ _NOISY = 0.03  # noise energy over the signal's at which samples are doubled
 # Level of detail below which stacks come so near the reference that its noise counts: twice the samples.
 _FINE = 2.0
 _POOLED = 0.1875  # groups of bright pairs of each kind, in units of the others
-_FEWEST_PICTURES = 0.5  # of coarse levels, in units of level 1's
 _FEW, _MORE_GROUPS = 32, 2  # texels a side up to which there are so many times the groups
 
 
@@ -48,7 +47,7 @@ class ProbeEffort:
         groups: of pairs, and a part as many of bright pairs; levels of few texels have more.
         points: in each, at most.
         samples: of the reference at each point, twice; more where there are fewer points.
-        pictures: small ones of level 1, half of them slanted; level 0 has twice as many, and coarse levels half.
+        pictures: small ones, half of them slanted; level 0 has twice as many.
         picture_samples: of the reference at each of their pixels, twice.
         doublings: how often samples are doubled, at most, where the reference stays noisy.
 
@@ -141,7 +140,7 @@ def probe(problem: Problem, region: Region, lod: float, effort: ProbeEffort, rng
         samples *= 2
     signal = mean_squares(mean) - noise
     # Pictures cover four times as much of the texture with every level, and what they show varies less.
-    pictures = round(effort.pictures * max(_FEWEST_PICTURES, 2 ** (1 - lod)))
+    pictures = round(effort.pictures * max(1.0, 2 ** (1 - lod)))
     shown = draw_shown(problem, region, lod, pictures, effort.picture_samples, rng)
     frames = problem.sampler.frames
     lookups = frames_at(uv, problem.square_pixels(lods), frames)

@@ -82,7 +82,8 @@ def draw_shown(
         lod: of the lookups, MIP bias included. Pixels that are smaller than texels look level 0 up as well, and where
             the bias is negative some that are larger. count: how many pictures there are; half as
             many where frames are averaged.
-        samples: of a pixel of level 0, in each of two estimates; twice as many at every second level.
+        samples: of a pixel of level 0, in each of two estimates; twice as many at every second level,
+            to four times as many.
     """
     # What frames cost more is saved in part by fewer pictures.
     count = max(_FEWEST, count // math.isqrt(problem.sampler.frames) // KINDS_SHOWN * KINDS_SHOWN)
@@ -91,7 +92,7 @@ def draw_shown(
     sampler = problem.sampler
     lods = lod - (max(_MAGNIFIED - sampler.bias, 0.0) if lod == 0 else 0.0) * rng.random(count)
     pictures = draw_small_pictures(rng, lods, draw_slants(rng, count), (width, height), sampler, _rooms(), centre)
-    many = min(samples << max(0, int(lod - sampler.bias + 1)) // 2, max(samples, _MOST_SAMPLES))
+    many = min(samples << max(0, int(lod - sampler.bias + 1)) // 2, max(samples, min(4 * samples, _MOST_SAMPLES)))
     first, second = (pictures.reference(problem.filtered, many, rng) for _ in range(2))
     both = (first + second) / np.float32(2)
     exposure = exposures(both)
