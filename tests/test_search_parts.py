@@ -145,7 +145,7 @@ def test_shares_are_fitted_to_what_is_seen(sampler: Sampler) -> None:
     seen = [scores.looked_up(each.astype(np.float32), 0) for each in (base, other)]
     made = columns(seen[0], [seen[1]], "gltf")
     judge = Judge([Baseline.of(scores.of(seen[0], 0))], SEEN_ALONE)
-    found = fit_level(SeenAt(0, seen[0], made), scores, judge, [np.zeros(len(made))])
+    found = fit_level(SeenAt(0, seen[0], made), scores, judge, np.zeros(len(made)))
 
     def worth(theta: np.ndarray) -> float:
         """With what holds shares where the fit begins: at none."""
@@ -185,7 +185,7 @@ def test_the_fit_finds_the_blend_that_the_renders_show(weights: Weights) -> None
     shown = replace(probe.shown, right=right, noise=0 * probe.shown.noise)
     start = scores.of(base, 0)
     scores.probes = [replace(probe, mean=shaded, noise=0 * probe.noise, shown=shown)]
-    found = fit_level(SeenAt(0, base, made), scores, Judge([Baseline.of(start)], weights), [np.zeros(len(made))])
+    found = fit_level(SeenAt(0, base, made), scores, Judge([Baseline.of(start)], weights), np.zeros(len(made)))
     if weights is SEEN_ALONE:
         # What is as good as right has one value: shares that hardly show may end anywhere then.
         blended = base + np.tensordot(found, made, 1)

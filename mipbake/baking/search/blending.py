@@ -1,10 +1,10 @@
 """The best blend of ingredients at every level, by measurement: closed forms, and a network.
 
 Every ingredient is looked up at the points of two independent sets of renders, and of closed forms no level need exist
-as a whole for it (ingredients.py). The first set is fitted to (level_fit.py), from the coarsest level to the finest,
-whose shares begin with those of the level before. Where it still finds a blend behind the best closed form that looks
-fine by more than chance, the level gives way to the ingredient that is safe there, as far as needed: some twenty shares
-hardly follow the noise of the renders. The second set is held out: it decides nothing, and measures what came of it.
+as a whole for it (ingredients.py). The first set is fitted to, each level by itself (level_fit.py). Where it still
+finds a blend behind the best closed form that looks fine by more than chance, the level gives way to the ingredient
+that is safe there, as far as needed: some twenty shares hardly follow the noise of the renders. The second set is held
+out: it decides nothing, and measures what came of it.
 """
 
 from __future__ import annotations
@@ -80,15 +80,16 @@ def best(bench: Bench) -> Blend:
 
 
 def fitted(bench: Bench) -> list[Shares]:
-    """Shares of every level's blend, fitted from the coarsest level to the finest."""
-    out, target = list[Shares](), bench.problem.target
-    for level in range(bench.problem.last, -1, -1):
+    """Shares of every level's blend."""
+    target = bench.problem.target
+
+    def fit(level: int) -> Shares:
         base, *others = (bench.looked_up(name, level) for name in (bench.base, *bench.others))
         alone = np.array([float(name == bench.safe(level)) for name in bench.others], np.float32)
-        starts = [np.tile(alone, len(MODELS[target].maps)), *out[-1:]]
         seen = SeenAt(level, base, columns(base, others, target))
-        out.append(fit_level(seen, bench.sets[FITTED], bench.judge, starts))
-    return out[::-1]
+        return fit_level(seen, bench.sets[FITTED], bench.judge, np.tile(alone, len(MODELS[target].maps)))
+
+    return side_by_side(fit, range(bench.problem.last + 1))
 
 
 def confirmed(judge: Judge, check: Scores, texels: Texels) -> list[float]:

@@ -61,16 +61,14 @@ def columns(base: Image, others: Sequence[Image], model: str) -> Image:
     return out
 
 
-def fit_level(
-    seen: SeenAt, scores: Scores, judge: Judge, starts: Sequence[NDArray[np.floating]]
-) -> NDArray[np.float32]:
+def fit_level(seen: SeenAt, scores: Scores, judge: Judge, start: NDArray[np.floating]) -> NDArray[np.float32]:
     """(J,) shares of the columns of a level.
 
     Args:
-        starts: (J,) shares to begin with: the best of them holds what is fitted.
+        start: (J,) shares to begin with, which hold what is fitted.
     """
     error = _Error(seen, scores, judge)
-    best, start = min(((error.value(each), each) for each in starts), key=lambda found: found[0])
+    best = error.value(start)
     none = np.zeros(len(start))
     if not none.size:
         return none.astype(np.float32)
