@@ -52,7 +52,7 @@ OPTIMISING = DescentEffort()
 _TRUST = 12.0
 # Of a blend alone: groups and pictures at the least side, the power of the side that they grow with, and the sides that
 # they grow between. Guesses: a part of what the network of a set costs.
-_GROUPS, _PICTURES, _POWER, _SIDES = 8, 28, 0.8, (256, 1024)
+_GROUPS, _PICTURES, _POWER, _SIDES = 8, 28, 0.65, (256, 1024)
 
 
 class Searching:
