@@ -29,6 +29,7 @@ from mipbake import TextureSet
 from mipbake.comparing.filming import film_figures, taken
 from mipbake.comparing.films import films_of
 from mipbake.comparing.pictures import RenderSettings
+from mipbake.material.aim import DEFAULT_SAMPLER, Sampler
 from mipbake.quality.environment import lighting_named
 from mipbake.quality.figures import Candidate
 from mipbake.quality.metrics import PAIR_SETS
@@ -52,6 +53,8 @@ FILM_HEIGHT, FILM_FRAMES, FILM_PASSES, PIXELS_PER_DEGREE = 180, 24, 128, 37
 JOD = f"jod-{PIXELS_PER_DEGREE}"
 
 Row = Mapping[str, Any]
+Bakes = dict[Sampler, dict[str, MipStack]]
+"""Sampler to the stack of each method."""
 
 
 def main() -> None:
@@ -61,10 +64,10 @@ def main() -> None:
     for index, (name, read) in enumerate(folder_sets(options.materials).items()):
         if options.only and name not in options.only:
             continue
-        texture_set = read()
+        texture_set, bakes = read(), Bakes()
         for preset in options.presets:
             lighting = LIGHTINGS[index % len(LIGHTINGS)] if options.films else ""
-            row = {"set": name, "preset": preset, **measured(texture_set, preset, options.method, lighting)}
+            row = {"set": name, "preset": preset, **measured(texture_set, preset, options.method, lighting, bakes)}
             rows.append(row)
             print(_line(row), file=sys.stderr, flush=True)
     if options.results:
@@ -73,11 +76,14 @@ def main() -> None:
         print(summarised({"whole": rows}))
 
 
-def measured(texture_set: TextureSet, preset: str, method: str, lighting: str) -> dict[str, Any]:
-    """The figures of one set and preset. `lighting`: of the film; empty for none."""
+def measured(texture_set: TextureSet, preset: str, method: str, lighting: str, bakes: Bakes) -> dict[str, Any]:
+    """The figures of one set and preset. `lighting`: of the film; empty for none. `bakes`: of this set so far."""
     seen = shown(texture_set)
-    recipe: dict[str, Any] = {"target": "gltf"} if preset == GLB else {"preset": preset}
-    stacks = {each: mipbake.bake(texture_set, each, **recipe) for each in (method, *FORMS)}
+    sampler = DEFAULT_SAMPLER if preset == GLB else PRESETS[preset].sampler
+    if sampler not in bakes:
+        names = (method, *FORMS)
+        bakes[sampler] = {each: mipbake.bake(texture_set, each, "gltf", sampler=sampler) for each in names}
+    stacks = bakes[sampler]
     first = stacks[method]
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
@@ -88,7 +94,6 @@ def measured(texture_set: TextureSet, preset: str, method: str, lighting: str) -
     candidates = [opened(first)]
     for name, levels in files.items():
         candidates.append(Candidate(replace(opened(stacks[name]).method, name=name), levels))
-    sampler = first.provenance.sampler or mipbake.material.aim.DEFAULT_SAMPLER
     source = seen.filtered(first.provenance.pixel_filter)
     lods = sorted({*CELLS, *LODS} & {float(min(each, len(first.levels) - 1)) for each in (*CELLS, *LODS)})
     found = measure(source, candidates, lods, (), EFFORT, lambda _phase, _share: None, sampler)
@@ -114,7 +119,7 @@ def measured(texture_set: TextureSet, preset: str, method: str, lighting: str) -
             source.stored.shape[:2], lighting_named(lighting), len(first.levels) - 1, height=FILM_HEIGHT,
             frames=FILM_FRAMES,
         )[0]  # fmt: skip
-        take = taken(scene, source, candidates[:2], RenderSettings(0, FILM_PASSES, sampler, None))
+        take = taken(scene, source, candidates[:2], RenderSettings(0, FILM_PASSES, sampler))
         judged = (film_figures(frames, take.shown, (PIXELS_PER_DEGREE,)) for frames in take.frames.values())
         out["jod"] = [round(each[JOD], 4) for each in judged]
     return out
