@@ -81,8 +81,8 @@ def measured(texture_set: TextureSet, preset: str, method: str, lighting: str, b
     seen = shown(texture_set)
     sampler = DEFAULT_SAMPLER if preset == GLB else PRESETS[preset].sampler
     if sampler not in bakes:
-        names = (method, *FORMS)
-        bakes[sampler] = {each: mipbake.bake(texture_set, each, "gltf", sampler=sampler) for each in names}
+        own = mipbake.bake(texture_set, method, "gltf", sampler=sampler)
+        bakes[sampler] = {method: own, **{each: mipbake.bake(texture_set, each, "gltf") for each in FORMS}}
     stacks = bakes[sampler]
     first = stacks[method]
     with tempfile.TemporaryDirectory() as folder:
