@@ -191,11 +191,10 @@ def test_signs_agree_where_a_model_has_lines(name: str) -> None:
 @pytest.mark.parametrize("name", MODELS)
 def test_the_view_shows_every_model(name: str) -> None:
     fragment = viewer_fragment({"a": stack_of(texels(name), name)})
-    packed = scene_of(fragment)["stacks"][0]
-    assert len(packed["maps"]) == len(MODELS[name].view.textures)
-    assert texel_bytes(name) == len(packed["maps"]) * (8 if packed["half"] else 4)
-    for textures, made in zip(MODELS[name].view.textures, packed["maps"], strict=True):
-        assert made["srgb"] == any(group.start == textures[0] for group in MODELS[name].of(Kind.REFLECTANCE))
+    packed = scene_of(fragment)["images"][0]
+    assert texel_bytes(name) == len(packed["srgb"]) * (8 if packed["half"] else 4)
+    for textures, srgb in zip(MODELS[name].view.textures, packed["srgb"], strict=True):
+        assert srgb == any(group.start == textures[0] for group in MODELS[name].of(Kind.REFLECTANCE))
     assert f'"{name}": ' in fragment and "const SURFACE_OF_MODEL" in fragment
 
 

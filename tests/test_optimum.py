@@ -99,7 +99,7 @@ def test_a_constant_material_is_left_alone(model: str) -> None:
 
 
 def test_what_went_wrong_is_not_kept() -> None:
-    """Neither levels that were spoilt, nor steps that are far too long."""
+    """Neither levels that were spoilt, nor steps that are far too long, beyond what is taken for chance."""
     solved = searched(Problem(bumpy(16, 16), "gltf", "gltf", "gaussian", WRAP), TWO_ROUNDS, keeps=False)
     both = list(zip(solved.start.levels, solved.levels, strict=True))
     spoilt = [level.copy() for level in solved.start.levels]
@@ -108,7 +108,7 @@ def test_what_went_wrong_is_not_kept() -> None:
     for solved.levels in (spoilt, far):
         solved.keep()
         for before, after in zip(solved.before, solved.start.check.of_stack(solved.levels), strict=True):
-            assert (after.decibels > before.decibels - 0.01).all()
+            assert (after.decibels > before.decibels - 0.2).all()
         if solved.levels is spoilt:
             assert not any(solved.kept)
 
