@@ -95,18 +95,16 @@ def fitted(bench: Bench) -> list[Shares]:
 def confirmed(judge: Judge, check: Scores, texels: Texels) -> list[float]:
     """How much of each level's change renders confirm, so that nothing is behind the baseline beyond chance.
 
-    All of it, 1, is kept where nothing speaks against it.
+    What is gained has to be more than a standard error of it: on polished metal a few pixels decide, and a change that
+    was fitted to these says little of others.
 
     Args:
         judge: of the levels of detail of `check`, which are the levels.
     """
 
     def kept(level: int) -> float:
-        whole = check.of(texels(level, 1.0), level)
-        if judge.satisfied(whole, level):
-            return 1.0
-        scores = {share: check.of(texels(level, share), level) for share in KEPT[1:]} | {1.0: whole}
-        return min(KEPT, key=lambda share: judge.value(scores[share], level))
+        scores = {share: check.of(texels(level, share), level) for share in KEPT}
+        return min(KEPT, key=lambda share: judge.worth(scores[share], scores[0.0], level))
 
     return side_by_side(kept, range(len(check.probes)))
 

@@ -262,6 +262,7 @@ class Bench:
         return np.asarray(self._score(box, HELD_OUT, level).visible.mean(-1))
 
     def safe(self, level: int) -> str:
-        """The ingredient that is worth most at a level by itself."""
+        """The ingredient that is worth most at a level by itself; a network, unless another is surely worth more."""
         scores = self.scores[level]
-        return min(scores, key=lambda name: self.judge.value(scores[name], level))
+        usual = next((scores[name] for name in self._networks), scores[self.base])
+        return min(scores, key=lambda name: self.judge.worth(scores[name], usual, level))

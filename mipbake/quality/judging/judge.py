@@ -6,6 +6,7 @@ counts in addition. So no gain in one term is paid for by a loss in another.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -54,6 +55,9 @@ class Slopes:
     groups: Array
 
 
+_LOST = 0.05  # nepers of a term that may be lost for a gain in others
+
+
 class Judge:
     """Says what stacks are worth.
 
@@ -85,6 +89,15 @@ class Judge:
             lost = getattr(score, array) - best
             out.append(lost.mean(-1) - self.weights.chance * standard_error(lost))
         return np.asarray(np.concatenate(out) - self._ties)
+
+    def worth(self, score: Score, safe: Score, index: int) -> float:
+        """`value`, and a standard error of what is gained over a safe stack; infinite where a term is surely lost."""
+        apart = [getattr(score, each) - getattr(safe, each) for each in self._best[index]]
+        lost = np.concatenate([each.mean(-1) for each in apart])
+        errors = np.concatenate([standard_error(each) for each in apart])
+        if (lost - self.weights.chance * errors > _LOST).any():
+            return math.inf
+        return self.value(score, index) + float((self._certain[index] * self.weights.counts * errors).sum())
 
     def groups_behind(self, score: Score, index: int) -> float:
         """The mean over groups of how much each is behind the rules of engines and tools, all pair sets together."""
