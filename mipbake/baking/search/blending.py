@@ -61,7 +61,10 @@ class Blend:
 
 
 def blend(bench: Bench) -> Blend:
-    """Keeps of a blend what the judge confirms."""
+    """Keeps of a blend what is surely gained over the ingredient that is safe.
+
+    On polished metal a few pixels decide, and shares that were fitted to these say little of others.
+    """
     levels = range(bench.problem.last + 1)
     shares, safe = fitted(bench), [bench.safe(level) for level in levels]
 
@@ -69,7 +72,11 @@ def blend(bench: Bench) -> Blend:
         own = bench.looked_up(safe[level], level)
         return between(own, _blended(bench, level, shares[level]), kept, bench.problem.target) if kept else own
 
-    kept = confirmed(bench.judge, bench.sets[FITTED], texels)
+    def surely(level: int) -> float:
+        scores = {share: bench.sets[FITTED].of(texels(level, share), level) for share in KEPT}
+        return min(KEPT, key=lambda share: bench.judge.worth(scores[share], scores[0.0], level))
+
+    kept = side_by_side(surely, levels)
     return _made(bench, [_mixture(bench, *each) for each in zip(shares, safe, kept, strict=True)])
 
 
@@ -95,16 +102,18 @@ def fitted(bench: Bench) -> list[Shares]:
 def confirmed(judge: Judge, check: Scores, texels: Texels) -> list[float]:
     """How much of each level's change renders confirm, so that nothing is behind the baseline beyond chance.
 
-    What is gained has to be more than a standard error of it: on polished metal a few pixels decide, and a change that
-    was fitted to these says little of others.
+    All of it, 1, is kept where nothing speaks against it.
 
     Args:
         judge: of the levels of detail of `check`, which are the levels.
     """
 
     def kept(level: int) -> float:
-        scores = {share: check.of(texels(level, share), level) for share in KEPT}
-        return min(KEPT, key=lambda share: judge.worth(scores[share], scores[0.0], level))
+        whole = check.of(texels(level, 1.0), level)
+        if judge.satisfied(whole, level):
+            return 1.0
+        scores = {share: check.of(texels(level, share), level) for share in KEPT[1:]} | {1.0: whole}
+        return min(KEPT, key=lambda share: judge.value(scores[share], level))
 
     return side_by_side(kept, range(len(check.probes)))
 
