@@ -113,7 +113,7 @@ def test_a_mirror_in_a_glb(tmp_path: Path, capsys: pytest.CaptureFixture[str], a
     (cost,) = result["costs"]
     assert cost["format"] == asked
     assert cost["texels"]["normal"] == texels
-    assert max(cost["loss"].values()) <= 0.5
+    assert max(cost["loss"].values()) <= (1.0 if asked == "glb" else 0.3)
     document, binary = check_structure((tmp_path / "out" / "mirror" / "mirror.glb").read_bytes())
     material = document["materials"][0]
     assert 0 < material["normalTexture"].get("scale", 1) <= 1

@@ -91,11 +91,12 @@ class Judge:
         return np.asarray(np.concatenate(out) - self._ties)
 
     def worth(self, score: Score, safe: Score, index: int) -> float:
-        """`value`, and a standard error of what is gained over a safe stack; infinite where a term is surely lost."""
+        """`value`, and a standard error of what is gained over a safe stack; infinite where one that is not behind the
+        baseline would surely lose a term."""
         apart = [getattr(score, each) - getattr(safe, each) for each in self._best[index]]
         lost = np.concatenate([each.mean(-1) for each in apart])
         errors = np.concatenate([standard_error(each) for each in apart])
-        if (lost - self.weights.chance * errors > _LOST).any():
+        if self.satisfied(safe, index) and (lost - self.weights.chance * errors > _LOST).any():
             return math.inf
         return self.value(score, index) + float((self._certain[index] * self.weights.counts * errors).sum())
 
