@@ -56,6 +56,7 @@ class Slopes:
 
 
 _LOST = 0.05  # nepers of a term that may be lost for a gain in others
+_FAR, _SURE = 0.2, 1.0  # nepers by which a stack is far behind, and standard errors that make it sure
 
 
 class Judge:
@@ -84,21 +85,23 @@ class Judge:
 
     def behind(self, score: Score, index: int) -> Array:
         """(T,) by how much each term is behind the baseline, beyond chance; below 0 where it is ahead."""
-        out = []
-        for array, best in self._best[index].items():
-            lost = getattr(score, array) - best
-            out.append(lost.mean(-1) - self.weights.chance * standard_error(lost))
-        return np.asarray(np.concatenate(out) - self._ties)
+        lost, errors = self._lost(score, self._best[index])
+        return np.asarray(lost - self.weights.chance * errors - self._ties)
 
     def worth(self, score: Score, safe: Score, index: int) -> float:
-        """`value`, and a standard error of what is gained over a safe stack; infinite where one that is not behind the
-        baseline would surely lose a term."""
-        apart = [getattr(score, each) - getattr(safe, each) for each in self._best[index]]
-        lost = np.concatenate([each.mean(-1) for each in apart])
-        errors = np.concatenate([standard_error(each) for each in apart])
-        if self.satisfied(safe, index) and (lost - self.weights.chance * errors > _LOST).any():
+        """`value`, and a standard error of what is gained over a safe stack; infinite where a term is surely lost to
+        it, unless it is itself far behind the baseline."""
+        lost, errors = self._lost(score, {each: getattr(safe, each) for each in self._best[index]})
+        behind, unsure = self._lost(safe, self._best[index])
+        if (lost - self.weights.chance * errors > _LOST).any() and (behind - _SURE * unsure < _FAR).all():
             return math.inf
         return self.value(score, index) + float((self._certain[index] * self.weights.counts * errors).sum())
+
+    @staticmethod
+    def _lost(score: Score, to: Mapping[str, Array]) -> tuple[Array, Array]:
+        """(T,) by how much each term is behind another's rows, and standard errors of that."""
+        apart = [getattr(score, array) - rows for array, rows in to.items()]
+        return np.concatenate([each.mean(-1) for each in apart]), np.concatenate([*map(standard_error, apart)])
 
     def groups_behind(self, score: Score, index: int) -> float:
         """The mean over groups of how much each is behind the rules of engines and tools, all pair sets together."""
