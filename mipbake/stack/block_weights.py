@@ -16,8 +16,6 @@ Image = NDArray[np.float32]
 
 _LEAST_ALONG = 0.1  # of the weight across a normal, along it: the length of a normal still counts when it is averaged
 _LEAST_Z = 0.1  # normals that lie flatter do not count more
-_OTHER = 0.1  # of the mean weight of a texel, for channels that nobody shades with
-_LEAST = 0.03  # of the greatest weight of a texel, for every channel: single lights show little of an occlusion
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,20 +38,22 @@ class BlockWeights:
         """See `mipbake.source.images.blocks.Weigh`."""
         stored = self.levels[level][rows]
         weights, diffuse, lobe = error_weights(stored)
-        beside = {"occlusion": diffuse, "opacity": (diffuse + lobe) / 2}
         places = {each.name: each.channels.start for each in LAYOUTS[self.model]}
-        out = []
+        beside = {"occlusion": diffuse, "opacity": (diffuse + lobe) / 2}
+        out: list[Image | None] = []
+        data: Image = np.zeros(stored.shape[:2], np.float32)
         for channel in self.layout.channels:
-            if channel.map == "normal":
-                out.append(self._of_normal(stored, weights, channel.index))
-            elif channel.map in places:
+            if channel.map in places:
                 place = places[channel.map] + channel.index
                 scale = self.factors.get(channel.map, 1.0) ** 2
-                out.append(scale * weights[..., place] * self._of_encoding(channel, stored[..., place]))
+                counts = scale * weights[..., place] * self._of_encoding(channel, stored[..., place])
             else:
-                out.append(beside[channel.map] if channel.map in beside else _OTHER * weights.mean(-1))
-        made = np.stack(out, -1).astype(np.float32)
-        return np.asarray(np.maximum(made, _LEAST * made.max(-1, keepdims=True)), np.float32)
+                counts = beside.get(channel.map, data)
+            data = np.maximum(data, counts)
+            out.append(self._of_normal(stored, weights, channel.index) if channel.map == "normal" else None)
+        # Maps that share a block count alike. Single lights, which weights are about, hardly see a metallic of 0.99 in
+        # place of 1; but what is dark beside a highlight then glows.
+        return np.stack([data if each is None else each for each in out], -1).astype(np.float32)
 
     def _of_normal(self, stored: Image, weights: Image, axis: int) -> Image:
         """(...) weights of what a file holds of x, y or z: half a unit for a unit."""
