@@ -20,3 +20,9 @@ def linear_to_srgb(linear: NDArray[np.float64]) -> NDArray[np.float64]:
     """Encoding, (...) to (...): the inverse of `srgb_to_linear` from 0 up; nothing is clipped."""
     powered = _SCALE * np.power(np.maximum(linear, _JOINT), 1 / _POWER) - _OFFSET
     return np.where(linear <= _JOINT, _SLOPE * linear, powered)
+
+
+def slope_of_decoding(linear: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Derivative of `srgb_to_linear` where it gives these values (...), from 0 to 1; dtype kept."""
+    powered = _POWER / _SCALE * np.maximum(linear, _JOINT) ** (1 - 1 / _POWER)
+    return np.asarray(np.where(linear <= _JOINT, 1 / _SLOPE, powered), linear.dtype)

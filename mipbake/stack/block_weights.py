@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake.base.srgb import slope_of_decoding
 from mipbake.material import MODELS
 from mipbake.material.gltf import error_weights
 from mipbake.source.layout import COLOUR, FLIPPED, LAYOUTS, SIGNED, FileChannel, FileLayout
@@ -71,5 +72,4 @@ class BlockWeights:
         """Squared derivative of a value by what the file holds of it."""
         if channel.encoding != COLOUR or not self.srgb:
             return 4.0 if channel.encoding in (SIGNED, FLIPPED) else 1.0
-        slope = np.where(value < 0.0031308, 1 / 12.92, 2.4 / 1.055 * np.maximum(value, 0.0031308) ** (1 - 1 / 2.4))
-        return np.asarray(np.square(slope), np.float32)
+        return np.asarray(np.square(slope_of_decoding(value)), np.float32)

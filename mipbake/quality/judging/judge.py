@@ -55,8 +55,8 @@ class Slopes:
     groups: Array
 
 
-_LOST = 0.05  # nepers of a term that may be lost for a gain in others
-_FAR, _SURE = 0.2, 1.0  # nepers by which a stack is far behind, and standard errors that make it sure
+_LOST = 0.05  # nepers of a term that may be lost for a gain in others; a guess
+_FAR, _SURE = 0.2, 1.0  # nepers by which a stack is far behind, and standard errors that make it sure; guesses
 
 
 class Judge:

@@ -21,6 +21,8 @@ WIDER, LEAST_ALPHA = 1.2, 0.004
 
 _MIRRORED = np.array([-1, -1, 1], np.float32)
 
+_AT_ONCE = 512  # pairs of a mixture that are worked on together, so that what lies between stays in the cache
+
 
 def unit(vectors: Floats) -> Floats:
     """(..., 3) divided by their lengths."""
@@ -58,9 +60,6 @@ def lobe_density(lobe: Floats, light: Floats, view: Floats) -> Floats:
     cosine = np.abs(signed)  # a half vector and its opposite reflect alike
     distribution = alpha2 * cosine / (math.pi * np.square(alpha2 * np.square(cosine) + sine2))
     return np.asarray(distribution * 0.25 / np.maximum(np.abs(_dot(half, view)), 1e-4))
-
-
-_AT_ONCE = 512  # pairs of a mixture that are worked on together, so that what lies between stays in the cache
 
 
 def mixed_density(lobe: Floats, light: Floats, view: Floats) -> NDArray[np.float64]:

@@ -21,7 +21,7 @@ show it."""
 
 _LEAST_Z = 0.05  # slopes of steeper normals are held there
 _LEAST_FACTOR = 1 / 255  # a step of eight bits: not tuned
-_SHARE = 0.97  # of slopes within the scale
+_SHARE = 0.97  # of slopes within the scale; tried beside 0.75, 0.9 and 0.99 on five sets, and no record holds it
 
 
 @dataclass(frozen=True)
