@@ -135,8 +135,8 @@ def test_a_gain_in_the_mean_is_no_excuse_for_a_group_that_loses() -> None:
     for plain, check.lost, kept in ((nothing, 1.0, 0.0), (nothing, -1.0, 1.0), (None, 1.0, 1.0)):
         nothing_there = Score(nothing, np.zeros((2 * sets, 4)), np.zeros((len(PICTURES), 4)))
         judge = Judge([Baseline.of(nothing_there, plain)], WEIGHTS)
-        found = confirmed(judge, check, lambda _, share: np.float32(share))  # type: ignore[arg-type]
-        assert found == [kept]
+        ((found, _),) = confirmed(judge, check, lambda _, share: np.float32(share))  # type: ignore[arg-type]
+        assert found == kept
 
 
 def test_a_blend_is_held_against_forms_that_look_fine() -> None:

@@ -11,6 +11,21 @@ _SAME = 0.96
 
 
 @dataclass(frozen=True)
+class Looks:
+    """How a level looks in small pictures, by the renders that chose between methods: held-out ones have few pictures.
+
+    Args:
+        own, plain: visible errors (mipbake.quality.metrics.visible) of the stack and of plain MIP maps (the closed form
+            linear, box), geometric means over slants. What nobody sees is in both.
+        error: standard error of the logarithm of own / plain, which share their pictures.
+    """
+
+    own: float
+    plain: float
+    error: float
+
+
+@dataclass(frozen=True)
 class MeasuredLevel:
     """A level of a stack, measured on renders that nothing was fitted to and that decided nothing.
 
@@ -25,6 +40,7 @@ class MeasuredLevel:
         level: 0 the finest.
         sources: methods whose levels take part in it; closed forms with their averaging kernel.
         refined: how much of what optimising its texels changed was kept, from 0 to 1.
+        looks: how it looks; None in stacks of versions that did not measure it.
     """
 
     snr: Mapping[str, float]
@@ -35,6 +51,7 @@ class MeasuredLevel:
     level: int
     sources: tuple[str, ...]
     refined: float
+    looks: Looks | None = None
 
     def gain(self, pair_set: str) -> float:
         """dB that the stack is above the best closed form there."""
@@ -90,7 +107,13 @@ def measured_from(content: Any) -> Measured | None:
     if content is None:
         return None
     levels = [
-        MeasuredLevel(**_figures(each), level=each["level"], sources=_names(each["sources"]), refined=each["refined"])
+        MeasuredLevel(
+            **_figures(each),
+            level=each["level"],
+            sources=_names(each["sources"]),
+            refined=each["refined"],
+            looks=_looks(each.get("looks")),
+        )
         for each in content["levels"]
     ]
     if not levels:
@@ -113,6 +136,10 @@ def _figures(content: Mapping[str, Any]) -> dict[str, Any]:
     if len({frozenset(each) for each in found.values()}) > 1:
         raise ValueError("figures of one level have different pair sets")
     return found
+
+
+def _looks(content: Any) -> Looks | None:
+    return None if content is None else Looks(*(float(content[name]) for name in ("own", "plain", "error")))
 
 
 def _names(content: Any) -> tuple[str, ...]:

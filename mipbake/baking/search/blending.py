@@ -22,7 +22,7 @@ from mipbake.baking.search.touched import mixed
 from mipbake.base.threads import side_by_side
 from mipbake.material import MODELS, directions
 from mipbake.quality.judging.judge import Judge
-from mipbake.quality.judging.scores import Scores
+from mipbake.quality.judging.scores import Score, Scores
 from mipbake.quality.judging.terms import Array
 from mipbake.quality.reference.problem import Image
 
@@ -46,7 +46,8 @@ class Blend:
         judge: what stacks are worth by `check`, the renders that they were fitted to. held_out: renders that decide
             nothing.
         rivals: the best closed forms at every level.
-        plain: (L, V) logarithm of the visible error of plain MIP maps there, by the held-out renders.
+        seen: of every level (V, N) values whose mean is the logarithm of its visible error, by `check`. plain: of plain
+            MIP maps, by the same pictures. plain_held_out: (L, V) the logarithm by the held-out renders.
         typical: as Bench has it.
     """
 
@@ -56,7 +57,9 @@ class Blend:
     check: Scores
     held_out: Scores
     rivals: list[Rivals]
-    plain: Array
+    seen: list[Array]
+    plain: list[Array]
+    plain_held_out: Array
     typical: Image | None = None
 
 
@@ -72,18 +75,20 @@ def blend(bench: Bench) -> Blend:
         own = bench.looked_up(safe[level], level)
         return between(own, _blended(bench, level, shares[level]), kept, bench.problem.target) if kept else own
 
-    def surely(level: int) -> float:
+    def surely(level: int) -> tuple[float, Score]:
         scores = {share: bench.sets[FITTED].of(texels(level, share), level) for share in KEPT}
-        return min(KEPT, key=lambda share: bench.judge.worth(scores[share], scores[0.0], level))
+        share = min(KEPT, key=lambda share: bench.judge.worth(scores[share], scores[0.0], level))
+        return share, scores[share]
 
-    kept = side_by_side(surely, levels)
-    return _made(bench, [_mixture(bench, *each) for each in zip(shares, safe, kept, strict=True)])
+    kept, scores = zip(*side_by_side(surely, levels), strict=True)
+    return _made(bench, [_mixture(bench, *each) for each in zip(shares, safe, kept, strict=True)], scores)
 
 
 def best(bench: Bench) -> Blend:
     """Every level from the one ingredient that is worth most there."""
-    none = np.zeros(0, np.float32)
-    return _made(bench, [_mixture(bench, none, bench.safe(level), 0.0) for level in range(bench.problem.last + 1)])
+    none, safe = np.zeros(0, np.float32), [bench.safe(level) for level in range(bench.problem.last + 1)]
+    scores = [bench.scores[level][name] for level, name in enumerate(safe)]
+    return _made(bench, [_mixture(bench, none, name, 0.0) for name in safe], scores)
 
 
 def fitted(bench: Bench) -> list[Shares]:
@@ -99,8 +104,9 @@ def fitted(bench: Bench) -> list[Shares]:
     return side_by_side(fit, range(bench.problem.last + 1))
 
 
-def confirmed(judge: Judge, check: Scores, texels: Texels) -> list[float]:
-    """How much of each level's change renders confirm, so that nothing is behind the baseline beyond chance.
+def confirmed(judge: Judge, check: Scores, texels: Texels) -> list[tuple[float, Score]]:
+    """How much of each level's change renders confirm, so that nothing is behind the baseline beyond chance, and the
+    score of that.
 
     All of it, 1, is kept where nothing speaks against it.
 
@@ -108,12 +114,13 @@ def confirmed(judge: Judge, check: Scores, texels: Texels) -> list[float]:
         judge: of the levels of detail of `check`, which are the levels.
     """
 
-    def kept(level: int) -> float:
+    def kept(level: int) -> tuple[float, Score]:
         whole = check.of(texels(level, 1.0), level)
         if judge.satisfied(whole, level):
-            return 1.0
+            return 1.0, whole
         scores = {share: check.of(texels(level, share), level) for share in KEPT[1:]} | {1.0: whole}
-        return min(KEPT, key=lambda share: judge.value(scores[share], level))
+        share = min(KEPT, key=lambda share: judge.value(scores[share], level))
+        return share, scores[share]
 
     return side_by_side(kept, range(len(check.probes)))
 
@@ -170,7 +177,8 @@ def _summed(bench: Bench, mixtures: Sequence[Mapping[str, Array]]) -> list[Image
     return directions.aligned([material.regularise(level, target) for level in out], target, problem.wrap)
 
 
-def _made(bench: Bench, mixtures: list[dict[str, Array]]) -> Blend:
+def _made(bench: Bench, mixtures: list[dict[str, Array]], scores: Sequence[Score]) -> Blend:
+    """`scores`: of the levels that mixtures make, by the renders that they were fitted to."""
     levels = range(bench.problem.last + 1)
     return Blend(
         _summed(bench, mixtures),
@@ -179,6 +187,8 @@ def _made(bench: Bench, mixtures: list[dict[str, Array]]) -> Blend:
         bench.sets[FITTED],
         bench.sets[HELD_OUT],
         [bench.rivals(level) for level in levels],
-        np.stack([bench.plain_visible(level) for level in levels]),
+        [each.visible for each in scores],
+        [bench.plain(level, FITTED).visible for level in levels],
+        np.stack([bench.plain(level, HELD_OUT).visible.mean(-1) for level in levels]),
         bench.typical,
     )

@@ -212,7 +212,9 @@ def start_of(kept: Kept, problem: Problem, effort: ProbeEffort, judged_by: Weigh
         check,
         held_out,
         [Rivals(tuple(names), arrays[f"rivals {index}"]) for index, names in enumerate(about["rivals"])],
-        arrays["plain"],
+        [arrays[f"seen {index}"] for index in range(len(check.lods))],
+        [arrays[f"plain seen {index}"] for index in range(len(check.lods))],
+        arrays["plain held out"],
         arrays.get("typical"),
     )
 
@@ -225,7 +227,9 @@ def _start_parts(start: Blend) -> tuple[Arrays, Mapping[str, Any]]:
         arrays |= {f"baseline {index} {name}": values for name, values in baseline.values.items()}
         if baseline.plain is not None:
             arrays[f"plain {index}"] = baseline.plain
-    arrays["plain"] = start.plain
+    arrays |= {f"seen {index}": values for index, values in enumerate(start.seen)}
+    arrays |= {f"plain seen {index}": values for index, values in enumerate(start.plain)}
+    arrays["plain held out"] = start.plain_held_out
     if start.typical is not None:
         arrays["typical"] = start.typical
     names = [rivals.names for rivals in start.rivals]

@@ -256,10 +256,10 @@ class Bench:
         rows = [term.values(held_out[name]) for name, term in zip(names, pairs, strict=True)]
         return Rivals(names, np.stack(rows))
 
-    def plain_visible(self, level: int) -> Array:
-        """(V,) logarithm of the visible error that plain MIP maps have at a level in the held-out set."""
+    def plain(self, level: int, which: int) -> Score:
+        """The score of plain MIP maps at a level, by one of `sets`."""
         box = f"{BASE} ({KERNEL_OF_ORIGIN})"
-        return np.asarray(self._score(box, HELD_OUT, level).visible.mean(-1))
+        return self.scores[level][box] if which == FITTED else self._score(box, which, level)
 
     def safe(self, level: int) -> str:
         """The ingredient that is worth most at a level by itself; a network, unless another is surely worth more."""

@@ -28,7 +28,7 @@ from mipbake.quality.judging.scores import DECIBEL, Score
 from mipbake.quality.judging.terms import TERMS, Array, Term, Weights, standard_error
 from mipbake.quality.metrics.pairs import PAIR_SETS
 from mipbake.quality.reference.problem import Image, Problem
-from mipbake.stack.measured import Measured, MeasuredLevel
+from mipbake.stack.measured import Looks, Measured, MeasuredLevel
 
 _CHECKING = 0.04  # share of the time left after the blend, for judging what was gained
 _SOLVED_DB = 60.0  # SNR from which a level is left alone: its error is far below what 8 bits resolve
@@ -64,7 +64,7 @@ class Search:
         long_run: who may stop a descent, and what takes notes of it. checkpoint: what it is kept in; None for nothing.
         seconds: that it may take; infinite for no limit. began: time.monotonic() when it began.
         start: a stack made of the ingredients.
-        levels: what became of it. kept: how much of each level's change was kept.
+        levels: what became of it. kept: how much of each level's change was kept. seen: as a Blend has it, of `levels`.
         done: regions that an earlier run of the program has optimised, by their indices.
         stopped: whether somebody stopped it before it was done.
     """
@@ -81,6 +81,7 @@ class Search:
     start: Blend = field(init=False)
     levels: list[Image] = field(init=False)
     kept: list[float] = field(init=False)
+    seen: list[Array] = field(init=False)
     done: frozenset[int] = frozenset()
     stopped: bool = False
 
@@ -106,6 +107,7 @@ class Search:
 
     def _begin_with(self, start: Blend) -> None:
         self.start, self.levels, self.kept = start, start.levels, [0.0] * len(start.levels)
+        self.seen = start.seen
 
     @cached_property
     def before(self) -> list[Score]:
@@ -208,7 +210,8 @@ class Search:
             Baseline({name: _allowed(term, before.values[name], score) for name, term in TERMS.items()}, before.plain)
             for before, score in zip(start.judge.baselines, self.before, strict=True)
         ]
-        kept = confirmed(Judge(baselines, self.judged_by), start.check, texels)
+        found = confirmed(Judge(baselines, self.judged_by), start.check, texels)
+        kept, self.seen = [share for share, _ in found], [score.visible for _, score in found]
         self.kept = [share if moved else 0.0 for share, moved in zip(kept, changed, strict=True)]
         levels = [_level_between(*each, share, target) for each, share in zip(both, self.kept, strict=True)]
         self.levels = directions.aligned(levels, target, self.problem.wrap)
@@ -230,16 +233,24 @@ class Search:
                     level,
                     start.sources[level],
                     self.kept[level],
+                    _looks(self.seen[level], start.plain[level]),
                 )
             )
         effort = start.held_out.effort
         pairs, points = effort.groups * SET_SIZE, effort.groups * effort.points
-        visible = float(np.exp(np.mean([score.visible.mean(-1) for score in found] - start.plain)))
+        visible = float(np.exp(np.mean([score.visible.mean(-1) for score in found] - start.plain_held_out)))
         return Measured(tuple(levels), pairs, points, round(visible, 4))
 
 
 def _by_set(values: Array) -> dict[str, float]:
     return {name: round(float(value), 4) for name, value in zip(PAIR_SETS, values, strict=True)}
+
+
+def _looks(seen: Array, plain: Array) -> Looks:
+    """Of (V, N) values whose mean is the logarithm of the square of a visible error."""
+    errors = standard_error(seen - plain)
+    own, other, error = (seen.mean() / 2, plain.mean() / 2, math.sqrt(np.square(errors).sum()) / 2 / len(errors))
+    return Looks(*(round(float(value), 5) for value in (math.exp(own), math.exp(other), error)))
 
 
 def _level_between(first: Image, second: Image, kept: float, model: str) -> Image:
