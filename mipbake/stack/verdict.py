@@ -45,6 +45,15 @@ class Verdict:
         return f"{self.sentence} {self.advice}"
 
 
+_MIDDLE, _FAR = 1.0, 3.0  # levels of detail from which a surface is at middle distance, and above which it is far away
+
+
+def distance_of(lod: float) -> Distance:
+    """The distance at which a level of detail is seen."""
+    lod = round(lod, 6)
+    return "near" if lod < _MIDDLE else "middle" if lod <= _FAR else "far"
+
+
 def verdict(measured: Measured) -> Verdict:
     """What was measured of a stack, in words."""
     effect: Effect = 0
@@ -53,35 +62,47 @@ def verdict(measured: Measured) -> Verdict:
     return in_words(dict.fromkeys(DISTANCES, effect))
 
 
-def in_words(effects: Mapping[Distance, Effect]) -> Verdict:
-    """The verdict on a stack that has these effects, at some of the distances."""
-    found = set(effects.values())
-    gains, loses = 1 in found, -1 in found
+def in_words(effects: Mapping[Distance, Effect], better: str = "") -> Verdict:
+    """The verdict on a stack that has these effects, at some of the distances.
+
+    Args:
+        better: options of a bake that is known to look better than plain MIP maps; "" for none.
+    """
+    gains, loses = (effect in effects.values() for effect in (1, -1))
     outcome: Outcome = "mixed" if gains and loses else "gains" if gains else "loses" if loses else "same"
-    parts = {
-        "calmer and truer to the source": _where(effects, 1),
-        "no visible gain": _where(effects, 0),
-        "worse than plain MIP maps": _where(effects, -1),
-    }
-    sentence = "; ".join(f"{words} {where}" for words, where in parts.items() if where)
-    return Verdict(outcome, f"{sentence[:1].upper()}{sentence[1:]}.", _ADVICE[outcome])
+    parts = [f"{words} {where}" for effect, words in _WORDS.items() if (where := _where(effects, effect))]
+    sentence = "; ".join(parts)
+    return Verdict(outcome, f"{sentence[:1].upper()}{sentence[1:]}.", _advice(effects, outcome, better))
 
 
-_PLACES: Mapping[Distance, str] = {"near": "near", "middle": "at middle distance", "far": "far away"}
-
-_ADVICE: Mapping[Outcome, str] = {
-    "gains": "Recommended.",
-    "same": f"Plain MIP maps look the same on this set: {PLAIN_OPTIONS} writes them.",
-    "mixed": "Try --method neural, and see both with mipbake compare.",
-    "loses": f"Plain MIP maps look better on this set: {PLAIN_OPTIONS} writes them.",
+_WORDS: Mapping[Effect, str] = {
+    1: "calmer and truer to the source",
+    0: "no visible gain",
+    -1: "worse than plain MIP maps",
 }
+_PLACES: Mapping[Distance, str] = {"near": "near", "middle": "at middle distance", "far": "far away"}
 
 
 def _where(effects: Mapping[Distance, Effect], effect: Effect) -> str:
     """`from middle distance on`: where an effect is seen; empty for nowhere."""
     places = [distance for distance in DISTANCES if effects.get(distance) == effect]
-    if places and len(places) == len(effects):
+    if len(places) == len(DISTANCES):
         return f"at {'every' if effect else 'any'} distance"
     if places == ["middle", "far"]:
         return "from middle distance on"
-    return " and ".join(_PLACES[each] for each in places)
+    return (" or " if effect == 0 else " and ").join(_PLACES[each] for each in places)
+
+
+def _advice(effects: Mapping[Distance, Effect], outcome: Outcome, better: str) -> str:
+    if outcome == "gains":
+        return "Recommended."
+    if outcome == "same":
+        said = f"Plain MIP maps look the same on this set: {PLAIN_OPTIONS} writes them."
+        return f"{said} {better} looks better." if better else said
+    if better:
+        return f"Try {better}, which looks better than plain MIP maps."
+    if outcome == "loses":
+        return f"Plain MIP maps look better on this set: {PLAIN_OPTIONS} writes them."
+    if [distance for distance, effect in effects.items() if effect == -1] == ["near"]:
+        return "Recommended with --keep-level0, which leaves the finest level as it is."
+    return "Try --aim 1, which counts what is seen alone."

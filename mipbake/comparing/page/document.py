@@ -90,6 +90,7 @@ def _verdict(comparison: Comparison) -> list[Content]:
         "figure."
     )
     more = [
+        note(found.details),
         note(best_in_renders(comparison)) if comparison.rendered else None,
         note(counts) if found.closed or found.linear else None,
         _sentences(comparison.notes, "Notes", "notes"),

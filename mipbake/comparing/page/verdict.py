@@ -1,10 +1,11 @@
-"""The verdict: what films show of the subject, then where it is ahead, where behind, and where no difference shows, in
-decibels of SNR.
+"""The verdict: how the subject looks beside plain MIP maps, in the words of `mipbake.stack.verdict`; and its details:
+what films show method by method, and where the subject is ahead or behind in decibels.
 
-In films ColorVideoVDP decides where it judged, and FLIP where it did not. A difference in decibels counts where its
-confidence interval does not hold 0. `snr-gain` is that difference, with an interval over the same light-view pairs;
-where it was not measured, two figures differ if their own intervals do not overlap, which is a far stricter test,
-because what all methods find hard is in every figure.
+In films ColorVideoVDP decides where it judged, and FLIP where it did not; without films the FLIP of renders. A film or
+a render counts at the distance of its median level of detail. A difference in decibels counts where its confidence
+interval does not hold 0. `snr-gain` is that difference, with an interval over the same light-view pairs; where it was
+not measured, two figures differ if their own intervals do not overlap, which is a far stricter test, because what all
+methods find hard is in every figure.
 """
 
 from __future__ import annotations
@@ -12,12 +13,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from statistics import fmean
 
 from mipbake.comparing.films import FILM
 from mipbake.comparing.page.markup import listed
 from mipbake.comparing.result import LINEAR, OPTIMUM, Comparison
 from mipbake.quality.figures import SCALES, SNR_GAIN
 from mipbake.quality.metrics import MEASURES, PAIR_SETS
+from mipbake.stack.verdict import PLAIN_OPTIONS, Distance, Effect, distance_of, in_words
 
 PLACES = {"near-mirror": "near the mirror", "hemisphere": "over the hemisphere"}
 """Pair sets as sentences call them."""
@@ -62,7 +65,8 @@ class Verdict:
     """The verdict.
 
     Args:
-        sentence: for people.
+        sentence: how the subject looks beside plain MIP maps and what to do, without figures and names of methods.
+        details: what films show method by method, and decibels.
         closed: against the best closed form of each scale and pair set; linear: against `linear (box)`.
         gap: view and scale to the share of the way from the best closed form to the optimum that the subject goes.
         paired: whether all intervals are of differences over the same pairs.
@@ -70,6 +74,7 @@ class Verdict:
     """
 
     sentence: str
+    details: str
     closed: tuple[Difference, ...]
     linear: tuple[Difference, ...]
     gap: dict[tuple[str, str], float]
@@ -96,14 +101,61 @@ def verdict(comparison: Comparison) -> Verdict:
     films = _against(comparison, _judged(comparison))
     looks = _in_films(subject, *films)
     lead = f"{looks} In decibels of SNR under single lights, " if looks else ""
-    sentence = f"{lead}{'; '.join(clauses)}." if clauses else looks or _alone(comparison)
-    sentence = sentence or f"Nothing was measured that {subject} could be compared by."
-    return Verdict(sentence, best, linear, gap, any(f.measure == SNR_GAIN for f in found), *films)
+    details = f"{lead}{'; '.join(clauses)}." if clauses else looks or _alone(comparison)
+    details = details or f"Nothing was measured that {subject} could be compared by."
+    return Verdict(
+        _for_artists(comparison), details, best, linear, gap, any(f.measure == SNR_GAIN for f in found), *films
+    )
+
+
+# ---- in words
+
+
+def _for_artists(comparison: Comparison) -> str:
+    """How the subject looks beside plain MIP maps, distance by distance, and what to do."""
+    if comparison.subject == LINEAR:
+        return "These are plain MIP maps, which others are compared with."
+    found = effects(comparison, comparison.subject)
+    if not found:
+        return f"How this looks beside plain MIP maps ({PLAIN_OPTIONS}) was not measured."
+    return str(in_words(found, _better(comparison)))
+
+
+def effects(comparison: Comparison, method: str) -> dict[Distance, Effect]:
+    """How a method looks beside plain MIP maps at each distance that films show, or renders where there is no film."""
+    places, by_distance = _judged(comparison) or _in_renders(comparison), dict[Distance, list[Difference]]()
+    for place in places:
+        found, figure = _difference(comparison, method, LINEAR, *place), comparison.find(LINEAR, *place)
+        if found is not None and figure is not None and not math.isnan(figure.lod):
+            by_distance.setdefault(distance_of(figure.lod), []).append(found)
+    return {distance: _effect(some) for distance, some in by_distance.items()}
+
+
+def _effect(found: Sequence[Difference]) -> Effect:
+    """Of all films, or renders, of a distance together."""
+    gain = fmean(each.gain for each in found)
+    least = _visible(found[0].measure, *(fmean(getattr(each, name) for each in found) for name in ("own", "other")))
+    return 0 if abs(gain) < least else 1 if gain > 0 else -1
+
+
+def _better(comparison: Comparison) -> str:
+    """Options of the method that looks better than plain MIP maps somewhere and worse nowhere; "" where none does."""
+    for method in comparison.methods:
+        found = set(effects(comparison, method.name).values())
+        if method.name not in (comparison.subject, LINEAR, OPTIMUM) and 1 in found and -1 not in found:
+            return f"--method {method.method} --filter {method.kernel}"
+    return ""
 
 
 def difference(comparison: Comparison, rival: str, measure: str, view: str, scale: str) -> Difference | None:
     """How far the subject is ahead of a method; None where one of them was not measured."""
-    own, other = (comparison.find(name, measure, view, scale) for name in (comparison.subject, rival))
+    return _difference(comparison, comparison.subject, rival, measure, view, scale)
+
+
+def _difference(
+    comparison: Comparison, method: str, rival: str, measure: str, view: str, scale: str
+) -> Difference | None:
+    own, other = (comparison.find(name, measure, view, scale) for name in (method, rival))
     if own is None or other is None or math.isnan(own.value - other.value):
         return None
     low = high = math.nan
@@ -116,10 +168,15 @@ def difference(comparison: Comparison, rival: str, measure: str, view: str, scal
         else:
             differ = not (own.low <= other.high and other.low <= own.high)  # true also where there is no interval
     else:
-        least = VISIBLE_FLIP * max(own.value, other.value) if measure == "flip" else VISIBLE_JOD
+        least = _visible(measure, own.value, other.value)
         differ = gain != 0
     outcome = int(math.copysign(1, gain)) if differ and abs(gain) >= least else 0
     return Difference(measure, view, scale, rival, own.value, other.value, gain, low, high, outcome)
+
+
+def _visible(measure: str, own: float, other: float) -> float:
+    """The least difference of two figures that is visible."""
+    return VISIBLE_FLIP * max(own, other) if measure == "flip" else VISIBLE_JOD
 
 
 def _against(
@@ -182,6 +239,11 @@ def _judged(comparison: Comparison) -> list[tuple[str, str, str]]:
     films = list(dict.fromkeys(f.view for f in comparison.figures if f.view.startswith(FILM)))
     found = {figure.measure for figure in comparison.figures if figure.view in films}
     return [(measure, film, "") for measure in [each for each in _JUDGES if each in found][:1] for film in films]
+
+
+def _in_renders(comparison: Comparison) -> list[tuple[str, str, str]]:
+    """The same of renders, which have FLIP."""
+    return [("flip", each.scene.view, each.scene.scale) for each in comparison.rendered]
 
 
 def _in_films(subject: str, closed: Sequence[Difference], linear: Sequence[Difference]) -> str:
