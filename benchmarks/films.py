@@ -8,7 +8,8 @@ MATERIALS is a folder of texture sets, FOLDER takes a file a set. A run that was
 several runs with different sets may share one FOLDER: the folder of docs/remake.py is build/records/films. New
 code is not noticed: it wants a new FOLDER. Every set is filmed as floor, low floor, wall and sphere, under one of three
 lightings in turn. Methods that take a sampler make a stack for each sampler. The films of a set share their references.
-The last of these commands films the generated sets that shimmer, and prints their JOD.
+The last of these commands films the generated sets that shimmer, and prints their JOD. The verdict of each bake of
+`auto`, which knows nothing of films, is printed beside what its films gain over plain MIP maps.
 """
 
 from __future__ import annotations
@@ -20,12 +21,14 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from statistics import fmean
 from typing import Any
 
 from results_sets import bumps, folder_sets
 from timing import keep, parser_of
 
-from mipbake.baking.bake import Recipe
+import mipbake
+from mipbake.baking.bake import DEFAULT_METHOD, Recipe
 from mipbake.baking.methods import OPTIONS
 from mipbake.baking.neural import Neural
 from mipbake.comparing.candidates import bake_all, chosen
@@ -34,12 +37,17 @@ from mipbake.comparing.films import FRAMES, RESOLUTION, films_of
 from mipbake.comparing.pictures import RenderSettings
 from mipbake.material.aim import sampler_named
 from mipbake.quality.environment import lighting_named
-from mipbake.quality.figures import Candidate
+from mipbake.quality.figures import Candidate, Method
 from mipbake.quality.metrics import check_color_video_vdp, snr_db
 from mipbake.quality.metrics.visible import visible_error
 from mipbake.source.texture_set import TextureSet
+from mipbake.stack.measured import Measured
+from mipbake.stack.verdict import verdict
 
 MODEL, FILTER = "gltf", "gaussian"
+
+PLAIN, JUDGE = "linear (box)", "jod-37"
+"""What verdicts compare with, and the measure that they are held against."""
 
 LIGHTINGS = ("studio", "sky", "lamps")
 """In turn, a set after the other."""
@@ -93,8 +101,10 @@ def measured(texture_set: TextureSet, lighting: str, work: Path, effort: FilmsEf
     started = time.process_time()
     source = texture_set.filtered(FILTER)
     height, width = source.stored.shape[:2]
-    films = []
-    for sampler, candidates in _baked(texture_set, effort):
+    films, verdicts = [], {}
+    for sampler, candidates, looks in _baked(texture_set, effort):
+        if looks is not None:
+            verdicts[sampler] = asdict(verdict(looks))
         last = len(candidates[0].levels) - 1
         settings = RenderSettings(SEED, effort.passes, sampler_named(sampler), work)
         lights = lighting_named(lighting)
@@ -108,17 +118,24 @@ def measured(texture_set: TextureSet, lighting: str, work: Path, effort: FilmsEf
         "slope": _rounded(bumps(texture_set)["slope"]),
         "effort": _plain(effort),
         "films": films,
+        "verdicts": verdicts,
         "processor_seconds": round(time.process_time() - started),
     }
 
 
-def _baked(texture_set: TextureSet, effort: FilmsEffort) -> Iterator[tuple[str, list[Candidate]]]:
-    """Sampler, and the stacks that it looks up."""
+def _baked(texture_set: TextureSet, effort: FilmsEffort) -> Iterator[tuple[str, list[Candidate], Measured | None]]:
+    """Sampler, the stacks that it looks up, and what the bake of DEFAULT_METHOD measured."""
     with _bakes(texture_set, [name for name in effort.methods if not _takes_sampler(name)], None) as shared:
         for sampler in SAMPLERS:
-            names = effort.filmed(sampler)
-            with _bakes(texture_set, [name for name in names if _takes_sampler(name)], sampler) as made:
-                yield sampler, [(shared | made)[name] for name in names]
+            names, found = effort.filmed(sampler), None
+            some = [name for name in names if _takes_sampler(name) and name != DEFAULT_METHOD]
+            with _bakes(texture_set, some, sampler) as made:
+                if DEFAULT_METHOD in names:
+                    stack = mipbake.bake(texture_set, DEFAULT_METHOD, MODEL, FILTER, sampler=sampler_named(sampler))
+                    method = Method(DEFAULT_METHOD, DEFAULT_METHOD, FILTER, MODEL)
+                    made[DEFAULT_METHOD] = Candidate(method, stack.levels)
+                    found = stack.provenance.promise
+                yield sampler, [(shared | made)[name] for name in names], found
 
 
 @contextmanager
@@ -188,6 +205,10 @@ def main() -> None:
         for film in found[name]["films"]:
             judged = ", ".join(f"{method} {each['jod-37']:.2f}" for method, each in film["figures"].items())
             print(f"  {film['scene']}, {film['sampler']}: JOD of {judged}", flush=True)
+        for sampler, said in found[name].get("verdicts", {}).items():
+            figures = [film["figures"] for film in found[name]["films"] if film["sampler"] == sampler]
+            gain = fmean(each[DEFAULT_METHOD][JUDGE] - each[PLAIN][JUDGE] for each in figures if PLAIN in each)
+            print(f"  {sampler}: {gain:+.2f} JOD; verdict: {said['sentence']} {said['advice']}", flush=True)
     if options.results:
         keep({"effort": _plain(effort), "sets": found}, options.results)
 

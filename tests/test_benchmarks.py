@@ -9,12 +9,13 @@ import json
 import sys
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 
 from mipbake.quality.judging.probes import ProbeEffort
 from mipbake.quality.metrics import PAIR_SETS
+from mipbake.stack.verdict import Outcome
 
 from .test_results import bumpy
 
@@ -61,6 +62,25 @@ def test_methods_are_baked_for_the_sampler_that_looks_them_up(
             assert figures["visible"] > 0 and figures["snr-displayed"] > figures["snr"]
     assert found["lighting"] == "lamps" and found["network"].startswith("mipbake")
     assert 0 < found["roughness"] < 1 and found["slope"] > 0
+
+
+def test_verdicts_of_bakes_are_held_beside_their_films(
+    films: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(films, "SAMPLERS", ("trilinear",))
+    effort = films.FilmsEffort(32, 2, 16, ("linear (box)", "auto"))
+    found = films.measured(bumpy(32), "lamps", tmp_path, effort)
+    said = found["verdicts"]["trilinear"]
+    assert said["outcome"] in get_args(Outcome) and said["sentence"].endswith(".") and said["advice"]
+    for film in found["films"]:
+        assert tuple(film["figures"]) == effort.methods
+        for index, figures in enumerate(film["figures"].values()):
+            figures["jod-37"] = 8 + 0.25 * index
+    monkeypatch.setattr(films, "folder_sets", lambda _: {"a": lambda: None})
+    monkeypatch.setattr(films, "measured", lambda *_: found)
+    monkeypatch.setattr(sys, "argv", ["films.py", "sets", str(tmp_path / "out")])
+    films.main()
+    assert f"  trilinear: +0.25 JOD; verdict: {said['sentence']} {said['advice']}\n" in capsys.readouterr().out
 
 
 def test_sets_are_measured_in_pieces(

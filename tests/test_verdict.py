@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import asdict, replace
+
 import pytest
 
-from mipbake.stack.measured import Measured
+from mipbake.stack.measured import Looks, Measured, MeasuredLevel, measured_from
 from mipbake.stack.verdict import DISTANCES, PLAIN_OPTIONS, Distance, Effect, distance_of, in_words, verdict
 
 
@@ -54,3 +57,15 @@ def test_words_of_some_distances() -> None:
 @pytest.mark.parametrize(("visible", "outcome"), [(0.7, "gains"), (0.99, "same"), (1.2, "same"), (None, "same")])
 def test_stacks_of_earlier_versions_have_a_verdict(visible: float | None, outcome: str) -> None:
     assert verdict(Measured((), 8, 8, visible)).outcome == outcome
+
+
+def test_what_was_measured_is_read_back_and_old_stacks_have_no_looks() -> None:
+    figures = ({"sharp": 10.0}, {"sharp": 0.1}, {"sharp": "lean (box)"}, {"sharp": 9.0}, {"sharp": 0.1})
+    level = MeasuredLevel(*figures, 0, ("neural",), 0.0, Looks(0.05, 0.06, 0.01))
+    found = Measured((level, replace(level, level=1)), 8, 8, 0.9)
+    content = json.loads(json.dumps(asdict(found)))
+    assert measured_from(content) == found
+    for each in content["levels"]:
+        del each["looks"]
+    old = measured_from(content)
+    assert old is not None and {each.looks for each in old.levels} == {None} and old.visible == 0.9
