@@ -61,7 +61,7 @@ def test_stacks_of_earlier_versions_have_a_verdict(visible: float | None, outcom
 
 def test_what_was_measured_is_read_back_and_old_stacks_have_no_looks() -> None:
     figures = ({"sharp": 10.0}, {"sharp": 0.1}, {"sharp": "lean (box)"}, {"sharp": 9.0}, {"sharp": 0.1})
-    level = MeasuredLevel(*figures, 0, ("neural",), 0.0, Looks(0.05, 0.06, 0.01))
+    level = MeasuredLevel(*figures, 0, ("neural",), 0.0, Looks(0.05, 0.06, 0.01, {"sharp": 2.0}))
     found = Measured((level, replace(level, level=1)), 8, 8, 0.9)
     content = json.loads(json.dumps(asdict(found)))
     assert measured_from(content) == found

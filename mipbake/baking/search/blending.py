@@ -47,7 +47,9 @@ class Blend:
             nothing.
         rivals: the best closed forms at every level.
         seen: of every level (V, N) values whose mean is the logarithm of its visible error, by `check`. plain: of plain
-            MIP maps, by the same pictures. plain_held_out: (L, V) the logarithm by the held-out renders.
+            MIP maps, by the same pictures.
+        plain_held_out: of plain MIP maps, by the held-out renders, (L, V) the logarithm of the visible error.
+        plain_decibels: (L, S) their SNR there.
         typical: as Bench has it.
     """
 
@@ -60,6 +62,7 @@ class Blend:
     seen: list[Array]
     plain: list[Array]
     plain_held_out: Array
+    plain_decibels: Array
     typical: Image | None = None
 
 
@@ -180,6 +183,7 @@ def _summed(bench: Bench, mixtures: Sequence[Mapping[str, Array]]) -> list[Image
 def _made(bench: Bench, mixtures: list[dict[str, Array]], scores: Sequence[Score]) -> Blend:
     """`scores`: of the levels that mixtures make, by the renders that they were fitted to."""
     levels = range(bench.problem.last + 1)
+    held_out = [bench.plain(level, HELD_OUT) for level in levels]
     return Blend(
         _summed(bench, mixtures),
         [tuple(mixture) for mixture in mixtures],
@@ -189,6 +193,7 @@ def _made(bench: Bench, mixtures: list[dict[str, Array]], scores: Sequence[Score
         [bench.rivals(level) for level in levels],
         [each.visible for each in scores],
         [bench.plain(level, FITTED).visible for level in levels],
-        np.stack([bench.plain(level, HELD_OUT).visible.mean(-1) for level in levels]),
+        np.stack([each.visible.mean(-1) for each in held_out]),
+        np.stack([each.decibels for each in held_out]),
         bench.typical,
     )

@@ -215,6 +215,7 @@ def start_of(kept: Kept, problem: Problem, effort: ProbeEffort, judged_by: Weigh
         [arrays[f"seen {index}"] for index in range(len(check.lods))],
         [arrays[f"plain seen {index}"] for index in range(len(check.lods))],
         arrays["plain held out"],
+        arrays["plain decibels"],
         arrays.get("typical"),
     )
 
@@ -229,7 +230,7 @@ def _start_parts(start: Blend) -> tuple[Arrays, Mapping[str, Any]]:
             arrays[f"plain {index}"] = baseline.plain
     arrays |= {f"seen {index}": values for index, values in enumerate(start.seen)}
     arrays |= {f"plain seen {index}": values for index, values in enumerate(start.plain)}
-    arrays["plain held out"] = start.plain_held_out
+    arrays |= {"plain held out": start.plain_held_out, "plain decibels": start.plain_decibels}
     if start.typical is not None:
         arrays["typical"] = start.typical
     names = [rivals.names for rivals in start.rivals]

@@ -233,7 +233,7 @@ class Search:
                     level,
                     start.sources[level],
                     self.kept[level],
-                    _looks(self.seen[level], start.plain[level]),
+                    _looks(self.seen[level], start.plain[level], score.decibels - start.plain_decibels[level]),
                 )
             )
         effort = start.held_out.effort
@@ -246,11 +246,11 @@ def _by_set(values: Array) -> dict[str, float]:
     return {name: round(float(value), 4) for name, value in zip(PAIR_SETS, values, strict=True)}
 
 
-def _looks(seen: Array, plain: Array) -> Looks:
-    """Of (V, N) values whose mean is the logarithm of the square of a visible error."""
-    errors = standard_error(seen - plain)
-    own, other, error = (seen.mean() / 2, plain.mean() / 2, math.sqrt(np.square(errors).sum()) / 2 / len(errors))
-    return Looks(*(round(float(value), 5) for value in (math.exp(own), math.exp(other), error)))
+def _looks(seen: Array, plain: Array, gain: Array) -> Looks:
+    """Of (V, N) values whose mean is the logarithm of the square of a visible error, and (S,) gains in decibels."""
+    error = math.sqrt(np.square(standard_error(seen - plain)).sum()) / 2 / len(seen)
+    own, other = (math.exp(each.mean() / 2) for each in (seen, plain))
+    return Looks(*(round(value, 5) for value in (own, other, error)), _by_set(gain))
 
 
 def _level_between(first: Image, second: Image, kept: float, model: str) -> Image:
