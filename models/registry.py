@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from mipbake import _native
 from mipbake.base.device import PROCESSOR
 from mipbake.base.errors import InputError, MipbakeError, UsageError
+from mipbake.base.names import known_name
 from mipbake.material import MODELS
 from mipbake.models.architecture import Architecture, Baker
 from mipbake.models.architectures import ARCHITECTURES
@@ -117,9 +118,7 @@ def list_weights(folder: Path = WEIGHTS_FOLDER) -> list[WeightsInfo]:
 def find_weights(name: str, folder: Path = WEIGHTS_FOLDER) -> WeightsInfo:
     """The weights of that name; UsageError with the list of names when there are none."""
     found = {info.name: info for info in list_weights(folder)}
-    if name not in found:
-        raise UsageError(f"unknown weights {name!r}: expected one of {', '.join(found) or '(none are installed)'}")
-    return found[name]
+    return found[known_name("weights", name, found)]
 
 
 def default_weights(

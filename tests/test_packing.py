@@ -152,7 +152,7 @@ def test_unknown_names_are_usage_errors() -> None:
     maps = [(layout, [gltf_level((4, 4))[..., layout.channels]]) for layout in LAYOUTS["gltf"]]
     with pytest.raises(UsageError, match=r"unknown packing 'rgb': expected one of source, separate, orm"):
         pack(maps, "rgb")
-    with pytest.raises(UsageError, match=r"unknown normal convention 'up': expected source, opengl or directx"):
+    with pytest.raises(UsageError, match=r"unknown normal convention 'up': expected one of source, opengl, directx"):
         pack(maps, "orm", normals=Normals("up"))
     with pytest.raises(UsageError, match="base_color cannot be inverted"):
         pack(maps, "source", [PackedFile(m.name, (Piece(m.name, 0, inverted=True),)) for m, _ in maps])

@@ -11,6 +11,7 @@ from typing import Any, get_type_hints
 
 from mipbake.base import toml_text
 from mipbake.base.errors import UsageError
+from mipbake.base.names import unknown
 from mipbake.material import MODELS
 from mipbake.models.architecture import Architecture
 from mipbake.models.architectures import ARCHITECTURES
@@ -236,7 +237,7 @@ _WORDS: Mapping[Any, str] = {int: "a whole number", float: "a number", str: "a s
 def _known(content: Mapping[str, Any], known: Mapping[str, Any], what: str) -> None:
     for key in content:
         if key not in known:
-            raise UsageError(f"unknown {what} {key!r}: expected one of {', '.join(known)}")
+            raise UsageError(unknown(what, key, known))
 
 
 def plain(config: TrainingConfig) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from mipbake.baking.methods import METHODS, OPTIONS, LongRun, Prefilter, Stop, c
 from mipbake.baking.prefilter import say
 from mipbake.baking.search.long_run import BEST
 from mipbake.base.device import PROCESSOR
-from mipbake.base.errors import UsageError
+from mipbake.base.names import known_name
 from mipbake.base.options import one_of, option
 from mipbake.base.version import __version__
 from mipbake.material import GLTF_MODELS, MODELS
@@ -152,17 +152,21 @@ class Recipe:
     def resolved(self) -> Self:
         """The same with the target and the sampler that it means. UsageError for what no set can be baked with."""
         preset = preset_named(self.preset) if self.preset else None
+        method = known_name("method", self.method, METHODS)
         sampler = sampler_of(self.sampler)
         # A preset gives no sampler to methods that take none, unless the user gave it a bias.
-        if sampler is None and preset and (self.method in OPTIONS["sampler"] or self.lod_bias is not None):
+        if sampler is None and preset and (method in OPTIONS["sampler"] or self.lod_bias is not None):
             sampler = preset.sampler
-        target = self.target
-        if target is None:
-            target = preset.target if preset else AUTO_TARGET
-        made = replace(self, target=target, sampler=sampler_of(sampler, self.lod_bias), lod_bias=None)
+        made = replace(
+            self,
+            method=method,
+            target=known_name("target", self.target or (preset.target if preset else AUTO_TARGET), TARGETS),
+            pixel_filter=filter_named(self.pixel_filter).name,
+            preset=preset.name if preset else None,
+            sampler=sampler_of(sampler, self.lod_bias),
+            lod_bias=None,
+        )
         made.prefilter()
-        filter_named(self.pixel_filter)
-        _check_target(target)
         return made
 
     def prefilter(self, long_run: LongRun | None = None) -> Prefilter:
@@ -171,19 +175,13 @@ class Recipe:
 
     def model(self, texture_set: TextureSet) -> str:
         """The material model that the target means for a set."""
-        target = self.target or AUTO_TARGET
-        _check_target(target)
+        target = known_name("target", self.target or AUTO_TARGET, TARGETS)
         return texture_set.source_model if target == AUTO_TARGET else target
 
     def by(self, method: str, pixel_filter: str) -> Self:
         """The same by another method under another filter, without what that method does not take."""
         others = {name: None for name, methods in OPTIONS.items() if method not in methods}
         return replace(self, method=method, pixel_filter=pixel_filter, **others)
-
-
-def _check_target(target: str) -> None:
-    if target not in TARGETS:
-        raise UsageError(f"unknown target {target!r}: expected one of {', '.join(TARGETS)}")
 
 
 def bake(
@@ -227,10 +225,10 @@ def bake(
             used; a checkpoint or a stop for a method without a budget.
         InputError, OutputError: as `mipbake.load`, where the source is no texture set.
     """
-    for what, given in (("checkpoint", checkpoint), ("stop", stop)):
-        if given is not None and method in METHODS:
-            check_takes(method, "budget", what)
     recipe = with_overrides(Recipe(method, target, pixel_filter), options).resolved()
+    for what, given in (("checkpoint", checkpoint), ("stop", stop)):
+        if given is not None:
+            check_takes(recipe.method, "budget", what)
     texture_set = source if isinstance(source, TextureSet) else load(source)
     kept = None if checkpoint is None else Path(checkpoint)
     long_run = LongRun(kept, lambda: nullcontext(stop or (lambda: False)), partial(say, progress))

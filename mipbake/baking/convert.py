@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from mipbake import material
 from mipbake.baking.bake import bake
 from mipbake.base.errors import InputError, UsageError
+from mipbake.base.names import known_name
 from mipbake.base.publish import check_place
 from mipbake.base.version import __version__
 from mipbake.material import MODELS, model_named
@@ -221,9 +222,7 @@ def check_device(weights: str | None, device: str | None) -> None:
 
 def image_container(model: str, format: str) -> Container:
     """The container of that name for maps of one level; UsageError when there is none or it cannot hold the model."""
-    if format not in IMAGE_FORMATS:
-        raise UsageError(f"unknown format {format!r}: expected one of {', '.join(IMAGE_FORMATS)}")
-    container = IMAGE_FORMATS[format]
+    container = IMAGE_FORMATS[known_name("format", format, IMAGE_FORMATS)]
     for layout in LAYOUTS[model]:
         if not container.encodings.issuperset(layout.encodings):
             raise UsageError(

@@ -16,6 +16,7 @@ from mipbake.baking.search.checkpoint import discard, size_of
 from mipbake.baking.search.long_run import LongRun, Stop
 from mipbake.baking.search.methods import Auto, Optimum, Refine
 from mipbake.base.errors import UsageError
+from mipbake.base.names import known_name
 from mipbake.material.aim import Sampler, sampler_of
 
 METHODS: Mapping[str, Prefilter] = {m.name: m for m in (Auto(), Neural(), Refine(), Optimum())} | dict(RULES)
@@ -71,8 +72,7 @@ def method_named(
             an unknown sampler; a budget that cannot be read; an aim that is no number from 0 to 1; a device that cannot
             be used.
     """
-    if name not in METHODS:
-        raise UsageError(f"unknown method {name!r}: expected one of {', '.join(METHODS)}")
+    name = known_name("method", name, METHODS)
     options = {"weights": weights, "budget": budget, "sampler": sampler_of(sampler), "aim": aim, "device": device}
     given: dict[str, Any] = {option: value for option, value in options.items() if value is not None}
     for option in given:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 from mipbake.baking.adjust import Adjustments
 from mipbake.baking.bake import AUTO_TARGET, Recipe
@@ -90,7 +90,7 @@ class BakeOptions(Recipe):
         preset = preset_named(self.preset) if self.preset else None
         outputs, glb, texels = wanted_outputs(preset, self.format, self.packing, self.write_normals)
         if self.sidecar is not None:
-            check_sidecar(self.sidecar)
+            options = replace(options, sidecar=check_sidecar(self.sidecar))
             if all(output.container.name != FORMAT for output in outputs):
                 outputs = (*outputs, Output(FORMAT, SEPARATE))
         if self.max_level is not None and self.max_level < 0:

@@ -15,6 +15,7 @@ from mipbake.baking.methods import METHODS, OPTIONS
 from mipbake.baking.neural import Neural
 from mipbake.base.device import checked_device
 from mipbake.base.errors import OutputError, UsageError
+from mipbake.base.names import known_name
 from mipbake.base.publish import reason, temporary_folder
 from mipbake.material import model_named
 from mipbake.material.aim import checked_aim
@@ -59,17 +60,14 @@ def chosen(names: Sequence[str], pixel_filter: str) -> dict[str, tuple[str, str]
     possible = {label(method, kernel): (method, kernel) for method, _ in forms for kernel in FILTERS}
     wanted: dict[str, tuple[str, str]] = {}
     for name in names:
-        if name in possible:
-            wanted[name] = possible[name]
-        elif name not in METHODS:
-            raise UsageError(
-                f"unknown method {name!r}: expected one of {', '.join(METHODS)}, or a closed form with its kernel, for "
-                f"example {next(iter(usual))!r}"
-            )
-        elif METHODS[name].averages:
-            wanted |= {key: form for key, form in usual.items() if form[0] == name}
+        if (label_of := name.lower()) in possible:
+            wanted[label_of] = possible[label_of]
+            continue
+        method = known_name("method", name, METHODS, f", or one with its kernel, such as {next(iter(usual))!r}")
+        if METHODS[method].averages:
+            wanted |= {key: form for key, form in usual.items() if form[0] == method}
         else:
-            wanted[name] = (name, pixel_filter)
+            wanted[method] = (method, pixel_filter)
     return wanted
 
 

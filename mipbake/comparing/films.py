@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.base.errors import UsageError
+from mipbake.base.names import known_name
 from mipbake.comparing.meshes import shapes
 from mipbake.comparing.meshes.camera import Camera, Vector
 from mipbake.comparing.meshes.mesh import Mesh
@@ -62,10 +62,7 @@ _GROUNDS = (
 
 def motion_named(name: str) -> Motion:
     """The motion of that name; UsageError, with the list of names, where there is none."""
-    for motion in MOTIONS:
-        if motion == name:
-            return motion
-    raise UsageError(f"no motion is called {name!r}: expected {' or '.join(MOTIONS)}")
+    return next(motion for motion in MOTIONS if motion == known_name("motion", name, MOTIONS))
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,7 @@ from mipbake.baking.options import BakeOptions
 from mipbake.base import disk, memory, toml_text
 from mipbake.base.errors import UsageError
 from mipbake.base.messages import listed
+from mipbake.base.names import unknown
 from mipbake.base.options import options_of
 from mipbake.source.layout import PROJECT
 from mipbake.source.options import LoadOptions
@@ -282,7 +283,7 @@ def _project(source: _Source, content: Mapping[str, Any]) -> Project:
     known = (*_ABOUT, "options", "sets")
     for key, value in content.items():
         if key not in known:
-            raise source.fail(f"unknown key {key!r}: expected one of {', '.join(known)}", key)
+            raise source.fail(unknown("key", key, known), key)
         expected = _ABOUT.get(key)
         if expected is not None and (not isinstance(value, expected) or isinstance(value, bool)):
             raise source.fail(f"{key} is {value!r}: expected {_WORDS[expected]}", key)
@@ -335,7 +336,7 @@ def _settings(source: _Source, table: Mapping[str, Any], *keys: str | int) -> di
     found = {}
     for option, value in table.items():
         if option not in OPTIONS:
-            raise source.fail(f"unknown option {option!r}: expected one of {', '.join(sorted(OPTIONS))}", *keys, option)
+            raise source.fail(unknown("option", option, sorted(OPTIONS)), *keys, option)
         types = _TYPES[option]
         if not isinstance(value, types) or (isinstance(value, bool) and bool not in types):
             raise source.fail(f"{option} is {value!r}: expected {_WORDS[types[-1]]}", *keys, option)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from mipbake.base.errors import UsageError
+from mipbake.base.names import unknown
 
 LOOKUPS = (1, 2, 4, 8, 16)
 """How many lookups of a pixel a sampler may make at most."""
@@ -93,8 +94,8 @@ DEFAULT_AIM = 0.5
 
 
 def sampler_named(name: str) -> Sampler:
-    """The sampler that is called so (`Sampler.__str__`); UsageError where none is."""
-    lookups, bias, frames = 1, 0.0, 1
+    """The sampler that is called so (`Sampler.__str__`), in any case; UsageError where none is."""
+    lookups, bias, frames, name = 1, 0.0, 1, name.strip().lower()
     for part in name.split(", "):
         times = part.removeprefix(_ANISOTROPIC + " ").removesuffix("x")
         if part == _ACCUMULATED:
@@ -110,10 +111,8 @@ def sampler_named(name: str) -> Sampler:
         found = Sampler(lookups, bias, frames)
         if str(found) == name:
             return found
-    raise UsageError(
-        f"no sampler is called {name!r}: expected {_either([*SAMPLERS])}, or one such as "
-        f"'{Sampler(lookups=4)}' or '{Sampler(bias=-1.0, frames=FRAMES[-1])}'"
-    )
+    others = f", or one such as '{Sampler(lookups=4)}' or '{Sampler(bias=-1.0, frames=FRAMES[-1])}'"
+    raise UsageError(unknown("sampler", name, SAMPLERS, others))
 
 
 def sampler_of(sampler: Sampler | str | None, lod_bias: float | None = None) -> Sampler | None:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mipbake.base.errors import UsageError
+from mipbake.base.names import known_name
 from mipbake.material.beckmann import BECKMANN
 from mipbake.material.ggx import GGX
 from mipbake.material.gltf import GLTF, GLTF_ANISOTROPIC
@@ -29,9 +29,7 @@ GLTF_MODELS = tuple(model.name for model in MODELS.values() if model.gltf)
 
 def model_named(name: str) -> MaterialModel:
     """The model of that name; UsageError with the list of names when there is none."""
-    if name not in MODELS:
-        raise UsageError(f"unknown material model {name!r}: expected one of {', '.join(MODELS)}")
-    return MODELS[name]
+    return MODELS[known_name("material model", name, MODELS)]
 
 
 def least_alpha2(model: str) -> float:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mipbake.base import memory
 from mipbake.base.aligned import contiguous
-from mipbake.base.errors import UsageError
+from mipbake.base.names import known_name
 
 Wrap = tuple[str, str]
 """Wrap mode along u and along v, each "wrap" or "clamp"."""
@@ -103,9 +103,7 @@ FILTERS: Mapping[str, PixelFilter] = {
 
 def filter_named(name: str) -> PixelFilter:
     """The filter of that name; UsageError with the list of names when there is none."""
-    if name not in FILTERS:
-        raise UsageError(f"unknown pixel filter {name!r}: expected one of {', '.join(FILTERS)}")
-    return FILTERS[name]
+    return FILTERS[known_name("pixel filter", name, FILTERS)]
 
 
 def level_sizes(height: int, width: int) -> list[tuple[int, int]]:

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from mipbake.base.disk import check_file, exists
 from mipbake.base.errors import InputError, UsageError
 from mipbake.base.messages import told_by
+from mipbake.base.names import known_name
 
 Array = NDArray[np.float64]
 
@@ -261,14 +262,10 @@ ENVIRONMENTS: Mapping[str, Callable[[int], Lighting]] = {"studio": studio, "sky"
 
 def lighting_named(name: str, lights: int = LIGHTS) -> Lighting:
     """The lighting of that name, or from the file at that path; UsageError or InputError where there is neither."""
-    if name in ENVIRONMENTS:
-        return ENVIRONMENTS[name](lights)
-    if not exists(Path(name)):
-        raise UsageError(
-            f"no lighting is called {name!r} and no file lies there: expected {', '.join(ENVIRONMENTS)} or the path of "
-            "a latitude-longitude HDR image"
-        )
-    return from_file(Path(name), lights)
+    if name not in ENVIRONMENTS and exists(Path(name)):
+        return from_file(Path(name), lights)
+    image = ", or the path of a latitude-longitude HDR image"
+    return ENVIRONMENTS[known_name("light", name, ENVIRONMENTS, image)](lights)
 
 
 def _solid_angles(height: int, width: int) -> Array:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any, TypeAlias, TypeVar
 
 from mipbake.base.errors import UsageError
+from mipbake.base.names import known_name, unknown
 from mipbake.base.options import one_of, option
 
 _Options = TypeVar("_Options", bound=Any)
@@ -115,8 +116,9 @@ class LoadOptions:
         """UsageError when a value is not in the list."""
         for role, choice in self.maps.items():
             _check_choice(role, choice)
-        _check_member("normal_convention", self.normal_convention, (None, *NORMAL_CONVENTIONS))
-        _check_member("alpha", self.alpha, (None, *ALPHAS))
+        for name, allowed in (("normal_convention", NORMAL_CONVENTIONS), ("alpha", ALPHAS)):
+            if (given := getattr(self, name)) is not None:
+                object.__setattr__(self, name, known_name(name.replace("_", " "), given, allowed))
         _check_member("origin", self.origin, ORIGINS)
         if not isinstance(self.wrap, tuple) or len(self.wrap) != 2:
             raise UsageError(f"wrap is {self.wrap!r}: expected two modes, one for u and one for v")
@@ -136,7 +138,7 @@ def with_overrides(options: _Options, overrides: Mapping[str, Any]) -> _Options:
     known = [f.name for f in fields(options)]
     for name in overrides:
         if name not in known:
-            raise UsageError(f"unknown option {name!r}: expected one of {', '.join(known)}")
+            raise UsageError(unknown("option", name, known))
     return replace(options, **overrides)
 
 
@@ -147,7 +149,7 @@ def _check_member(option: str, value: object, allowed: tuple[object, ...]) -> No
 
 def _check_choice(role: str, choice: MapChoice) -> None:
     if role not in (*ROLES, SPECULAR):
-        raise UsageError(f"unknown map {role!r}: expected one of {', '.join((*ROLES, SPECULAR))}")
+        raise UsageError(unknown("map", role, (*ROLES, SPECULAR)))
     if isinstance(choice, bool) or not (choice is None or isinstance(choice, (str, os.PathLike, float, int))):
         raise UsageError(f"map {role} is {choice!r}: expected a file, a number or None")
     if isinstance(choice, (float, int)):

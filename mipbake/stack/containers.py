@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.base.errors import UsageError
+from mipbake.base.names import known_name
 from mipbake.source.images.blocks import Weigh
 from mipbake.source.images.file_facts import FileInfo
 from mipbake.source.images.read_back import Band
@@ -114,12 +114,7 @@ IMAGE_FORMATS: Mapping[str, Container] = {c.name: c for c in (MipExr(mipmapped=F
 
 def format_named(name: str) -> Container:
     """The container that `FORMAT` or `FORMAT:TEXELS` names; UsageError with the list when there is none."""
-    format, colon, texels = name.partition(":")
-    if format not in FORMATS:
-        raise UsageError(f"unknown format {format!r}: expected one of {', '.join(FORMATS)}")
-    known = FORMATS[format]
-    if not colon:
-        return next(iter(known.values()))
-    if texels not in known:
-        raise UsageError(f"format {format} has no texels {texels!r}: expected one of {', '.join(known)}")
-    return known[texels]
+    format, colon, _ = name.partition(":")
+    known = FORMATS[known_name("format", format, FORMATS)]
+    by_name = {f"{each.name}:{texels}": each for texels, each in known.items()}
+    return by_name[known_name("format", name, by_name)] if colon else next(iter(known.values()))

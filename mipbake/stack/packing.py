@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.base.errors import UsageError
+from mipbake.base.names import known_name
 from mipbake.material.pixel_filter import level_sizes, resample
 from mipbake.source.decode import upsample
 from mipbake.source.layout import FLIPPED, INVERTED, LAYOUTS, LOG, SIGNED, UNIT, FileChannel, FileLayout, MapLayout
@@ -161,10 +162,8 @@ def pack(
     Raises:
         UsageError: an unknown packing or convention.
     """
-    if packing not in PACKINGS:
-        raise UsageError(f"unknown packing {packing!r}: expected one of {', '.join(PACKINGS)}")
-    if normals.convention not in (SOURCE, "opengl", "directx"):
-        raise UsageError(f"unknown normal convention {normals.convention!r}: expected source, opengl or directx")
+    packing = known_name("packing", packing, PACKINGS)
+    known_name("normal convention", normals.convention, (SOURCE, "opengl", "directx"))
     by_name = {layout.name: (layout, levels) for layout, levels in maps}
     known = {piece.map for file in source for piece in file.pieces if piece.map}
     # Materials in another model than the source's have maps of other names.

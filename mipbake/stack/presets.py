@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from mipbake.base.errors import UsageError
+from mipbake.base.names import known_name
 from mipbake.material.aim import ANISOTROPIC, DEFAULT_SAMPLER, Sampler
 from mipbake.source.options import NORMAL_CONVENTIONS
 from mipbake.stack.containers import DEFAULT_FORMAT, FORMATS, format_named
@@ -176,9 +177,7 @@ PRESETS: Mapping[str, Preset] = {preset.name: preset for preset in _ALL}
 
 def preset_named(name: str) -> Preset:
     """The preset of that name; UsageError with the list when there is none."""
-    if name not in PRESETS:
-        raise UsageError(f"unknown preset {name!r}: expected one of {', '.join(PRESETS)}")
-    return PRESETS[name]
+    return PRESETS[known_name("preset", name, PRESETS)]
 
 
 def wanted_outputs(
@@ -198,20 +197,17 @@ def wanted_outputs(
     Raises:
         UsageError: a name is unknown, or the choices contradict each other.
     """
-    if packing is not None and packing not in PACKINGS:
-        raise UsageError(f"unknown packing {packing!r}: expected one of {', '.join(PACKINGS)}")
-    if write_normals not in (None, SOURCE, *NORMAL_CONVENTIONS):
-        raise UsageError(
-            f"--write-normals is {write_normals!r}: expected one of {SOURCE}, {', '.join(NORMAL_CONVENTIONS)}"
-        )
+    if packing is not None:
+        packing = known_name("packing", packing, PACKINGS)
+    if write_normals is not None:
+        write_normals = known_name("normal convention", write_normals, (SOURCE, *NORMAL_CONVENTIONS))
     outputs = preset.outputs if preset else ()
-    names = [name.strip() for name in (DEFAULT_FORMAT if format is None else format).split(",")]
+    names = [name.strip().lower() for name in (DEFAULT_FORMAT if format is None else format).split(",")]
     if not all(names):
         raise UsageError(f"the formats {format!r} have an empty place: expected names separated by commas")
     kinds = [name.partition(":")[0] for name in names]
-    for name, kind in zip(names, kinds, strict=True):
-        if kind not in (*FORMATS, GLB):
-            raise UsageError(f"unknown format {name!r}: expected one of {', '.join((*FORMATS, GLB))}")
+    for kind in kinds:
+        known_name("format", kind, (*FORMATS, GLB))
         if kinds.count(kind) > 1:
             raise UsageError(f"format {kind} is asked for twice: its files would have the same names")
     others = [name for name, kind in zip(names, kinds, strict=True) if kind != GLB]
@@ -219,8 +215,8 @@ def wanted_outputs(
         format_named(name)
     glb = GLB in kinds
     _, named, texels = names[kinds.index(GLB)].partition(":") if glb else ("", "", "")
-    if named and texels not in GLB_TEXELS:
-        raise UsageError(f"unknown texels of format {GLB}: {texels!r}: expected one of {', '.join(GLB_TEXELS)}")
+    if named:
+        known_name("format", f"{GLB}:{texels}", [f"{GLB}:{each}" for each in GLB_TEXELS])
     if not others and (packing or write_normals):
         raise UsageError(f"format {GLB} has a packing and normals of its own: leave --packing and --write-normals out")
     if format is not None or not outputs:

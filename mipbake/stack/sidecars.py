@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
 
-from mipbake.base.errors import UsageError
+from mipbake.base.names import known_name
 from mipbake.source.layout import INVERTED, FileLayout
 from mipbake.stack.map_files import MapFile
 
@@ -79,14 +79,12 @@ SIDECARS = {_NAME: neural_compression}
 
 def sidecar_named(name: str, files: Sequence[MapFile], tile: int = 0) -> Sidecar:
     """The sidecar of that name, of a stack with that UDIM number; UsageError with the list when there is none."""
-    check_sidecar(name)
-    return SIDECARS[name](files, tile)
+    return SIDECARS[check_sidecar(name)](files, tile)
 
 
-def check_sidecar(name: str) -> None:
-    """UsageError where there is no sidecar of that name."""
-    if name not in SIDECARS:
-        raise UsageError(f"unknown sidecar {name!r}: expected one of {', '.join(SIDECARS)}")
+def check_sidecar(name: str) -> str:
+    """The name of the sidecar that is meant; UsageError where there is none of that name."""
+    return known_name("sidecar", name, SIDECARS)
 
 
 def _semantics(layout: FileLayout) -> dict[str, str]:

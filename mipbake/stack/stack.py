@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.base.errors import UsageError
+from mipbake.base.names import known_name
 from mipbake.material import MODELS
 from mipbake.material.aim import Sampler, checked_aim
 from mipbake.material.pixel_filter import level_sizes
@@ -107,8 +108,7 @@ class MipStack:
 
     def __post_init__(self) -> None:
         """Checks the shapes."""
-        if self.model not in MODELS:
-            raise UsageError(f"unknown material model {self.model!r}: expected one of {', '.join(MODELS)}")
+        object.__setattr__(self, "model", known_name("material model", self.model, MODELS))
         _check_chain("the material", self.levels, MODELS[self.model].channels)
         for role, chain in self.extra.items():
             if any(layout.name == role for layout in LAYOUTS[self.model]):

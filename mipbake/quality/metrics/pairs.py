@@ -17,7 +17,7 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.base.errors import UsageError
+from mipbake.base.names import known_name
 
 Array = NDArray[np.float64]
 
@@ -156,8 +156,7 @@ def pair_set(name: str, seed: int, count: int = PAIRS) -> LightViewPairs:
     are drawn in the same way and dealt to the views at random. For `near-mirror` each component of the Gaussian is
     stratified, and dealt at random.
     """
-    if name not in PAIR_SETS:
-        raise UsageError(f"unknown pair set {name!r}: expected one of {', '.join(PAIR_SETS)}")
+    name = known_name("pair set", name, PAIR_SETS)
     rng = np.random.default_rng([seed, list(PAIR_SETS).index(name)])
     view = _malley(*grid_cells(rng, count).T)
     light = _STRATIFIED[name](rng, view)
