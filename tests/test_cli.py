@@ -270,7 +270,7 @@ def test_the_list_says_the_first_sentence_of_each_command() -> None:
 
 
 def test_the_package_offers_names_and_no_modules() -> None:
-    assert set(mipbake.__all__) <= set(dir(mipbake))
+    assert dir(mipbake) == sorted([*mipbake.__all__, "__version__"])
     for name in mipbake.__all__:
         assert not inspect.ismodule(getattr(mipbake, name)), name
     with pytest.raises(AttributeError, match="no attribute 'brake'"):

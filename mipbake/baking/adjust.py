@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.baking.bake import bake
+from mipbake.baking.bake import Recipe, bake
 from mipbake.base.colour import unit_range
 from mipbake.base.errors import UsageError
 from mipbake.material import GLTF_MODELS
@@ -50,6 +50,16 @@ class Adjustments:
             if not 0 <= value <= 1:
                 raise UsageError(f"{name} is {value:g}: expected a number from 0 to 1")
 
+    @classmethod
+    def of(cls, options: object) -> Adjustments:
+        """The adjustments among options, an object that has them as attributes."""
+        return cls(**{each.name: getattr(options, each.name) for each in fields(cls)})
+
+    def check(self, model: str) -> None:
+        """UsageError where stacks of a model cannot be adjusted: their channels cannot be blended."""
+        if self != Adjustments() and model not in GLTF_MODELS:
+            raise UsageError(f"a stack of the model {model} cannot be adjusted: expected {' or '.join(GLTF_MODELS)}")
+
     @property
     def sentences(self) -> tuple[str, ...]:
         """What the adjustments do, in sentences for the provenance."""
@@ -61,6 +71,11 @@ class Adjustments:
         if self.min_roughness:
             lines.append(f"no roughness is below {self.min_roughness:g}")
         return tuple(lines)
+
+
+@dataclass(frozen=True)
+class AdjustedRecipe(Recipe, Adjustments):
+    """What `mipbake.bake` takes as options."""
 
 
 def adjusted(stack: MipStack, texture_set: TextureSet, changes: Adjustments) -> MipStack:
@@ -76,8 +91,7 @@ def adjusted(stack: MipStack, texture_set: TextureSet, changes: Adjustments) -> 
     """
     if changes == Adjustments():
         return stack
-    if stack.model not in GLTF_MODELS:
-        raise UsageError(f"a stack of the model {stack.model} cannot be adjusted: expected {' or '.join(GLTF_MODELS)}")
+    changes.check(stack.model)
     levels = list(stack.levels)
     if changes.strength < 1:
         plain = bake(texture_set, "linear", stack.model, "box").levels[: len(levels)]

@@ -20,7 +20,7 @@ from mipbake.material import GLTF_MODELS, MODELS
 from mipbake.material.aim import DEFAULT_AIM, DEFAULT_SAMPLER, MOST_BIAS, SAMPLERS, Sampler, sampler_of
 from mipbake.material.pixel_filter import FILTERS, filter_named, filtered_levels
 from mipbake.source.layout import channels_of
-from mipbake.source.loading import PathLike, load
+from mipbake.source.loading import PathLike, as_texture_set
 from mipbake.source.opacity import covering, keeping_coverage, opacity_of, shown
 from mipbake.source.options import with_overrides
 from mipbake.source.texture_set import TextureSet
@@ -196,15 +196,18 @@ def bake(
 ) -> MipStack:
     """Prefilters a texture set into a complete MIP stack of the target material model, level 0 included.
 
-        stack = mipbake.bake("materials/wood", preset="three")
+        stack = mipbake.bake("textures/wood", preset="unreal")
+        stack.save("baked/wood")  # the files that this engine imports
 
         enough = threading.Event()  # which another thread sets
         mipbake.bake(texture_set, "refine", budget="2h", checkpoint="wood.search", stop=enough.is_set)
 
     Args:
         source: from `mipbake.load` or `TextureSet.from_arrays`; or what `mipbake.load` takes, such as a folder.
-        method, target, pixel_filter, options: fields of `Recipe`, which say the same as the options of `mipbake bake`:
-            preset, weights, budget, sampler, lod_bias, aim, device.
+        method, target, pixel_filter, options: as the options of `mipbake bake` say it:
+            preset: an engine, which chooses target and sampler unless you do. `MipStack.save` then writes for it.
+            strength, keep_level0, min_roughness: how levels are changed afterwards (`Adjustments`).
+            weights, budget, sampler, lod_bias, aim, device: see `Recipe`.
         progress: takes phase and share as the work goes on. Where it has a method `note`, that takes the SNR that
             methods which optimise have reached.
         checkpoint: a folder that a method with a budget keeps its search in from time to time. The same bake goes on
@@ -225,17 +228,21 @@ def bake(
             used; a checkpoint or a stop for a method without a budget.
         InputError, OutputError: as `mipbake.load`, where the source is no texture set.
     """
-    recipe = with_overrides(Recipe(method, target, pixel_filter), options).resolved()
+    from mipbake.baking.adjust import AdjustedRecipe, Adjustments, adjusted
+
+    asked = AdjustedRecipe(method=method, target=target, pixel_filter=pixel_filter)
+    recipe = with_overrides(asked, options).resolved()
     for what, given in (("checkpoint", checkpoint), ("stop", stop)):
         if given is not None:
             check_takes(recipe.method, "budget", what)
-    texture_set = source if isinstance(source, TextureSet) else load(source)
+    texture_set, changes = as_texture_set(source), Adjustments.of(recipe)
+    changes.check(recipe.model(texture_set))
     kept = None if checkpoint is None else Path(checkpoint)
     long_run = LongRun(kept, lambda: nullcontext(stop or (lambda: False)), partial(say, progress))
     stack, stopped = bake_stoppable(texture_set, recipe, progress, long_run)
     if kept is not None and not stopped:
         discard(kept)
-    return stack
+    return adjusted(stack, texture_set, changes)
 
 
 def bake_stoppable(
@@ -284,6 +291,7 @@ def bake_stoppable(
             tool_version=__version__,
             sources={m.source.path.name: m.source.sha256 for m in texture_set.maps.values() if m.source.path},
             source_hash=texture_set.source_hash,
+            preset=recipe.preset,
             warnings=warnings,
             promise=measured,
             alpha_cutoff=texture_set.alpha_cutoff,

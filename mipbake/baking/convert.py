@@ -25,6 +25,7 @@ from mipbake.base.version import __version__
 from mipbake.material import MODELS, model_named
 from mipbake.material.directions import untangled
 from mipbake.source.layout import LAYOUTS, MATERIAL_MANIFEST, MATERIAL_SCHEMA, extra_layout
+from mipbake.source.loading import PathLike, as_texture_set
 from mipbake.source.texture_set import TextureSet
 from mipbake.stack.containers import DEFAULT_FORMAT, IMAGE_FORMATS, Container
 from mipbake.stack.manifest import declared
@@ -165,7 +166,7 @@ class Material:
 
 
 def convert(
-    source: TextureSet | Material, target: str, weights: str | None = None, device: str | None = None
+    source: TextureSet | Material | PathLike, target: str, weights: str | None = None, device: str | None = None
 ) -> Material:
     """Converts level 0 to another material model.
 
@@ -175,7 +176,8 @@ def convert(
     how the surface reflects under the pixel filter, which is then in it. Maps that do not shade are kept as they are.
 
     Args:
-        source: from `mipbake.load`, or, without weights, a material that was converted before.
+        source: from `mipbake.load`, or what it takes, such as a folder; or, without weights, a material that was
+            converted before.
         target: a material model in `mipbake.material.MODELS`.
         weights: trained weights that read the source's model and make the target; None for the analytic rule.
         device: where the network of the weights runs, as `mipbake.bake` takes it; None for the processor.
@@ -186,6 +188,8 @@ def convert(
     """
     model_named(target)
     check_device(weights, device)
+    if not isinstance(source, Material):
+        source = as_texture_set(source)
     if isinstance(source, Material):
         if weights is not None:
             raise UsageError(

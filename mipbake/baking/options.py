@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 from mipbake.baking.adjust import Adjustments
 from mipbake.baking.bake import AUTO_TARGET, Recipe
@@ -95,7 +95,7 @@ class BakeOptions(Recipe):
                 outputs = (*outputs, Output(FORMAT, SEPARATE))
         if self.max_level is not None and self.max_level < 0:
             raise UsageError(f"max_level is {self.max_level}: expected 0 or more")
-        adjustments = Adjustments(**{each.name: getattr(self, each.name) for each in fields(Adjustments)})
+        adjustments = Adjustments.of(self)
         for_gltf = target in (AUTO_TARGET, *GLTF_MODELS)
         # A glTF source becomes a GLB unless an option chooses what only files of maps can be.
         as_maps = self.sidecar or self.format or self.packing or self.write_normals or not for_gltf

@@ -35,7 +35,10 @@ from mipbake.quality.figures import SCALES, SNR_GAIN, Candidate, Figure, Method
 from mipbake.quality.metrics import MEASURES, PAIR_SETS, check_color_video_vdp
 from mipbake.quality.samplers import RenderSampler, baked_for
 from mipbake.quality.texture_space import DEFAULT_SEED, MeasureEffort, TextureSpace
+from mipbake.source.loading import PathLike, as_texture_set
+from mipbake.source.options import with_overrides
 from mipbake.source.texture_set import TextureSet
+from mipbake.stack.saving import as_stack
 from mipbake.stack.stack import MipStack, Provenance
 from mipbake.stack.written import opened
 
@@ -118,34 +121,42 @@ class Settings:
 
 
 def compare(
-    texture_set: TextureSet,
+    texture_set: TextureSet | PathLike | Sequence[PathLike],
     settings: Settings | None = None,
-    stack: MipStack | None = None,
+    stack: MipStack | PathLike | None = None,
     path: Path | None = None,
     conditions: Sequence[Condition] = (),
     progress: Callable[[str, float], None] = lambda _phase, _share: None,
     begun: Callable[[Comparison], None] = lambda _unmeasured: None,
+    **overrides: Any,
 ) -> Comparison:
     """Measures prefilters of one texture set against the supersampled, pixel-filtered reference, and each other.
 
+        mipbake.compare("textures/wood", films=False).save("report")
+
     Args:
-        texture_set: the source.
+        texture_set: the source, or what `mipbake.load` takes, such as its folder.
         settings: what is compared, and how; None for the defaults.
-        stack: one that was baked earlier, the subject then: its model and pixel filter take the place of the recipe's.
-            It stays as it is, whatever sampler it was made for.
+        stack: one that was baked earlier, or its folder, the subject then: its model and pixel filter take the place of
+            the recipe's. It stays as it is, whatever sampler it was made for.
         path: the folder that the stack came from, for readers.
         conditions: that will be checked: those that cannot be decided are found before any work.
         progress: called with phase and share as the work goes on.
         begun: called with the stacks of the subject and of `linear (box)`, before anything is measured.
+        overrides: single fields of `Settings`, on top of `settings`: methods, films, side and others.
 
     Raises:
         UsageError: unknown names, settings that are impossible, a condition on what is not measured, or a package that
             measures or writes pictures is not installed.
-        InputError: a mesh that cannot be seen.
+        InputError: a mesh that cannot be seen; or as `mipbake.load` and `mipbake.open_stack`, where paths are given.
         OutputError: temporary files cannot be written.
     """
     check_extra("compare", "a comparison")
-    settings, clock, source = settings or Settings(), Timings(progress), texture_set.source_model
+    settings, clock = with_overrides(settings or Settings(), overrides), Timings(progress)
+    if not (stack is None or isinstance(stack, MipStack)):
+        path, stack = path or Path(stack), as_stack(stack)
+    texture_set = as_texture_set(texture_set)
+    source = texture_set.source_model
     model = stack.model if stack else settings.recipe.model(texture_set)
     kernel = stack.provenance.pixel_filter if stack else filter_named(settings.recipe.pixel_filter).name
     names, notes = default_names(source, model, kernel, stack is not None)
@@ -166,6 +177,8 @@ def compare(
         methods=tuple(methods),
         curve=(),
         figures=(),
+        source=dataclasses.asdict(texture_set.found),
+        texture_set=texture_set,
         settings=settings.to_dict(),
     )
     planned = _planned(texture_set, empty, views, films) if conditions else empty

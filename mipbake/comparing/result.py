@@ -4,9 +4,10 @@ method is the one to beat."""
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from mipbake.baking.methods import METHODS
 from mipbake.quality.figures import SCALES, Figure, Method
+from mipbake.source.texture_set import TextureSet
 from mipbake.stack.stack import MipStack
 
 LINEAR, OPTIMUM = "linear (box)", "optimum"
@@ -149,6 +151,7 @@ class Comparison:
         rendered, films, plots: images.
         stacks: of the subject and `linear (box)`, by method name.
         source: what was read of the set, as `mipbake inspect --json` says it.
+        texture_set: what was compared, which the interactive view of a page shows.
         notes: what a reader must know, in sentences.
         warnings: what is wrong, in sentences: a stack of another set, a reference that did not converge.
         foreign: whether the opened stack was baked from another texture set, which is one of the warnings.
@@ -168,6 +171,7 @@ class Comparison:
     plots: tuple[Plot, ...] = ()
     stacks: Mapping[str, MipStack] = field(default_factory=dict)
     source: Mapping[str, Any] = field(default_factory=dict)
+    texture_set: TextureSet | None = None
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     foreign: bool = False
@@ -177,6 +181,20 @@ class Comparison:
     def __repr__(self) -> str:
         """A description in one line."""
         return f"Comparison({self.name!r}, {self.model}: {', '.join(method.name for method in self.methods)})"
+
+    def save(
+        self, path: str | Path, progress: Callable[[str, float], None] = lambda _phase, _share: None
+    ) -> list[Path]:
+        """Writes the report that `mipbake compare` writes into the folder `path`: a page for the browser, index.html,
+        and its figures, results.json. An earlier report there is replaced.
+
+        Raises:
+            OutputError: the folder cannot be written, or holds something else.
+        """
+        from mipbake.comparing.page import write_report
+
+        source = None if self.texture_set is None else self.texture_set.filtered(self.pixel_filter)
+        return write_report(self, source, Path(path), progress)
 
     @cached_property
     def _figures(self) -> Mapping[tuple[str, str, str, str], Figure]:

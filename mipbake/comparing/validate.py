@@ -17,7 +17,9 @@ from mipbake.quality.texture_space import (
     check_settings,
     measure,
 )
+from mipbake.source.loading import PathLike, as_texture_set
 from mipbake.source.texture_set import TextureSet
+from mipbake.stack.saving import as_stack
 from mipbake.stack.stack import MipStack
 from mipbake.stack.written import BAKED, opened
 
@@ -97,8 +99,8 @@ class Validation:
 
 
 def validate(
-    texture_set: TextureSet,
-    stack: MipStack,
+    texture_set: TextureSet | PathLike | Sequence[PathLike],
+    stack: MipStack | PathLike,
     lods: Sequence[float] = DEFAULT_LODS,
     seed: int = DEFAULT_SEED,
     points: int = DEFAULT_POINTS,
@@ -114,8 +116,8 @@ def validate(
     figure (snr_db).
 
     Args:
-        texture_set: the source.
-        stack: what was baked from it.
+        texture_set: the source, or what `mipbake.load` takes, such as its folder.
+        stack: what was baked from it, or the folder that it was saved in.
         lods: levels of detail; those beyond the last level are measured at the last level, once.
         seed: fixes points, light-view pairs and samples.
         points: random pixels per lod. samples: reference samples per pixel in each estimate.
@@ -125,8 +127,10 @@ def validate(
 
     Raises:
         UsageError: a negative lod, or fewer than one point or sample.
+        InputError, OutputError: as `mipbake.load` and `mipbake.open_stack`, where paths are given.
     """
     check_settings(lods, points, samples)
+    texture_set, stack = as_texture_set(texture_set), as_stack(stack)
     made = stack.provenance
     kernel = made.pixel_filter
     names = dict.fromkeys(label(method, averaging or kernel) for method, averaging in baselines)

@@ -24,7 +24,9 @@ from mipbake.fitting.renderer import Array, Levels, Renderer, new_stamps
 from mipbake.fitting.shared import Rounds
 from mipbake.fitting.state import Checkpoint, FitState, kept_in, key_of
 from mipbake.material.pixel_filter import PixelFilter, filter_named
+from mipbake.source.loading import PathLike, as_texture_set
 from mipbake.source.texture_set import TextureSet
+from mipbake.stack.saving import as_stack
 from mipbake.stack.stack import MipStack
 
 References: TypeAlias = "Sequence[Any] | Callable[[Any], Any]"
@@ -34,12 +36,12 @@ _HELD_OUT_EVERY = 5  # of so many views one is held out, where none are given
 
 
 def fit(
-    stack: MipStack,
+    stack: MipStack | PathLike,
     renderer: Renderer[Any],
     views: Sequence[Any],
     *,
     others: Sequence[MipStack] = (),
-    source: TextureSet | None = None,
+    source: TextureSet | PathLike | Sequence[PathLike] | None = None,
     reference: References | None = None,
     held_out: Sequence[Any] | None = None,
     steps: int | None = None,
@@ -65,15 +67,15 @@ def fit(
     the reference (docs/conventions.md, section 4). What one of the two loses counts several times what the other gains.
 
     Args:
-        stack: where the fit starts; of any material model.
+        stack: where the fit starts; of any material model; or the folder that it was saved in.
         renderer: see `mipbake.fitting.Renderer`.
         views: what the renderer takes as views. Where a view has the attributes `name` and `scale`, messages and scores
             use them.
         others: stacks of the same model and sizes, such as bakes by other methods. A level starts from the one that the
             views show best.
-        source: the texture set that the stack was baked from. It makes the references: the same renderer shows its
-            level 0, supersampled under the stack's pixel filter. For that, views have a method `moved(right, up)`, in
-            pixels.
+        source: the texture set that the stack was baked from, or what `mipbake.load` takes. It makes the references:
+            the same renderer shows its level 0, supersampled under the stack's pixel filter. For that, views have a method
+            `moved(right, up)`, in pixels.
         reference: in place of that, an image (H, W, 3) for each view, in order; or a function from a view to its image.
             With `held_out` the images of these views follow.
         held_out: views to check with. None: every fifth of `views`, which then is not learned from.
@@ -109,12 +111,14 @@ def fit(
         raise UsageError(f"the renderer is a {type(renderer).__name__}: expected an object with render(levels, view)")
     settings = FitSettings(steps, budget, renders, rate, passes, seed, rounds)
     learned, checked = _split(views, held_out)
+    stack = as_stack(stack)
     stacks = (stack, *others)
+    texture_set = None if source is None else as_texture_set(source)
     parameters = Parameters.of(stack.model, *stack.size, len(stack.levels))
     starts = _starts(stacks, parameters)
     loop = Loop(renderer, parameters, stack.wrap, settings)
     both = [*learned, *checked]
-    reference_of = _references(reference, source, loop, filter_named(stack.provenance.pixel_filter), len(both))
+    reference_of = _references(reference, texture_set, loop, filter_named(stack.provenance.pixel_filter), len(both))
     with nullcontext() if checkpoint is None else alone_with(Path(checkpoint)):
         file = state = None
         if checkpoint is not None:

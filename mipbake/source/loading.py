@@ -20,6 +20,11 @@ from mipbake.source.texture_set import TextureSet, read
 PathLike: TypeAlias = "str | os.PathLike[str]"
 
 
+def as_texture_set(source: TextureSet | PathLike | Sequence[PathLike]) -> TextureSet:
+    """What `load` reads of a source; a texture set as it is."""
+    return source if isinstance(source, TextureSet) else load(source)
+
+
 def load(
     source: PathLike | Iterable[PathLike],
     options: LoadOptions | None = None,

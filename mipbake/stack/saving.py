@@ -6,6 +6,7 @@ share a folder, each with a `stack.1001.json` of its own, so that engines find a
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -32,7 +33,7 @@ from mipbake.stack.manifest import (
 )
 from mipbake.stack.map_files import MapFile, listed_files, save_maps, write_files
 from mipbake.stack.measured import measured_from
-from mipbake.stack.output import GLB, GLB_TEXELS, Output, check_outputs, planned
+from mipbake.stack.output import GLB, Output, check_outputs, planned
 from mipbake.stack.packing import unpacked
 from mipbake.stack.presets import preset_named, wanted_outputs
 from mipbake.stack.sidecars import FORMAT, check_sidecar, sidecar_named
@@ -100,7 +101,13 @@ def _wanted(
     stack: MipStack, format: str | Sequence[Output] | None, preset: str | None
 ) -> tuple[tuple[Output, ...], str | None]:
     """What `save` writes, and the texels of a GLB; None where none is written."""
-    engine = None if preset is None else preset_named(preset)
+    if not (format is None or isinstance(format, str)):
+        if preset is not None:
+            raise UsageError("outputs and a preset were both given: expected one of the two")
+        return tuple(format), None
+    name = stack.provenance.preset if preset is None else preset
+    engine = None if name is None else preset_named(name)
+    outputs, glb, texels = wanted_outputs(engine, format)
     if engine is not None:
         height, width = stack.size
         allowed = [m for m in GLTF_MODELS if engine.anisotropic or not MODELS[m].anisotropic]
@@ -109,16 +116,11 @@ def _wanted(
                 f"the preset {engine.name} takes stacks of {' or '.join(allowed)}, and {stack.name!r} is of "
                 f"{stack.model}: bake it for the target gltf"
             )
-        if not (format is None or isinstance(format, str)):
-            raise UsageError("outputs and a preset were both given: expected one of the two")
-        outputs, glb, texels = wanted_outputs(engine, format)
         blocks = any(not output.container.exact for output in outputs)
-        for sentence in [*engine.check(width, height, blocks), *engine.check_sampler(stack.provenance.sampler)]:
+        # Who named a sampler beside the preset of a bake knows of it.
+        sampler = None if preset is None else stack.provenance.sampler
+        for sentence in [*engine.check(width, height, blocks), *engine.check_sampler(sampler)]:
             warnings.warn(sentence, stacklevel=4)
-    elif format is None or isinstance(format, str):
-        outputs, glb, texels = wanted_outputs(None, format)
-    else:
-        outputs, glb, texels = tuple(format), False, GLB_TEXELS[0]
     return outputs, texels if glb else None
 
 
@@ -137,6 +139,11 @@ def sidecar_files(plans: Sequence[tuple[Output, Sequence[MapFile]]]) -> list[Map
     if not found:
         raise UsageError(f"a sidecar is about files of the format {FORMAT}, which is not asked for: add it")
     return found[0]
+
+
+def as_stack(stack: MipStack | str | os.PathLike[str]) -> MipStack:
+    """A stack as it is, or as `open_stack` reads it."""
+    return stack if isinstance(stack, MipStack) else open_stack(Path(stack))
 
 
 def open_stack(path: str | Path) -> MipStack:

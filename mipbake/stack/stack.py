@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from mipbake.stack.gltf.glb import Encoded
     from mipbake.stack.measured import Measured
     from mipbake.stack.output import Output
+    from mipbake.stack.verdict import Verdict
 
 Fingerprint: TypeAlias = Mapping[str, str]
 """Hashes of what a result is made from: its "sources" and how they are read, the "options" and the "weights". What
@@ -45,6 +46,7 @@ class Provenance:
         tool_version: version of mipbake.
         sources: source file name to SHA-256 of its bytes.
         source_hash: one hash of everything that level 0 was made from.
+        preset: engine that the stack was baked for, which `MipStack.save` writes for; None where none was named.
         warnings: what a user should know, in sentences.
         promise: how every level measured beside the best closed form, by methods that measure; None for others.
         adjustments: what was changed after the bake, in sentences.
@@ -65,6 +67,7 @@ class Provenance:
     tool_version: str = ""
     sources: Mapping[str, str] = field(default_factory=dict)
     source_hash: str = ""
+    preset: str | None = None
     warnings: tuple[str, ...] = ()
     promise: Measured | None = None
     adjustments: tuple[str, ...] = ()
@@ -80,6 +83,13 @@ class Provenance:
 @dataclass(frozen=True, eq=False)
 class MipStack:
     """A complete MIP stack of one material.
+
+        stack.save("baked/wood")  # the files
+        print(stack.verdict)      # how it looks beside plain MIP maps
+        stack.roughness           # the levels of a map, finest first: (H_L, W_L, 1) float32
+        stack[2]["normal"]        # the maps of a level, by name; stack[-1] is the last of len(stack) levels
+
+    Values are those of `maps()`: colours linear Rec.709, normals signed with green up, perceptual roughness.
 
     Args:
         name: the texture set's name.
@@ -126,6 +136,38 @@ class MipStack:
         shading = [(m, [level[..., m.channels] for level in self.levels]) for m in LAYOUTS[self.model]]
         plain = [(extra_layout(role, chain[0].shape[-1]), list(chain)) for role, chain in self.extra.items()]
         return shading + plain
+
+    def __len__(self) -> int:
+        """How many levels there are."""
+        return len(self.levels)
+
+    def __getitem__(self, level: int) -> dict[str, NDArray[np.float32]]:
+        """Every map at a level, by name: (H_L, W_L, channels of the map). A map of fewer levels gives its last one."""
+        if not -len(self) <= level < len(self):
+            raise IndexError(f"level {level} of a stack of {len(self)} levels")
+        index = level % len(self)
+        return {layout.name: chain[min(index, len(chain) - 1)] for layout, chain in self.maps()}
+
+    def __getattr__(self, name: str) -> Levels:
+        """The levels of a map, as `maps` has them. AttributeError with the names of the maps where there is none."""
+        if "provenance" not in vars(self):  # while a copy is made
+            raise AttributeError(name)
+        chains = {layout.name: chain for layout, chain in self.maps()}
+        if name not in chains:
+            raise AttributeError(f"{self!r} has no attribute or map {name!r}: its maps are {', '.join(chains)}")
+        return chains[name]
+
+    def __dir__(self) -> list[str]:
+        """With the maps, for completion."""
+        return [*super().__dir__(), *(layout.name for layout, _ in self.maps())]
+
+    @property
+    def verdict(self) -> Verdict | None:
+        """How the stack looks beside plain MIP maps, in words; None for methods that measure nothing, such as closed
+        forms, and for stacks that were changed after the bake."""
+        from mipbake.stack.verdict import verdict
+
+        return None if self.provenance.promise is None else verdict(self.provenance.promise)
 
     def about(self) -> str:
         """How the stack was made, as JSON for the files themselves."""
@@ -175,15 +217,15 @@ class MipStack:
             path: the folder; its last part need not be the stack's name.
             format: formats by name, separated by commas, each with texels where they are not the default
                 ("exr,ktx2:uastc"), as `mipbake bake --format` takes them; "glb" is a square with the material. Their
-                files are packed as the files of the source, or as the preset says. Or outputs, which say more. None:
-                the formats of the preset, else "exr".
+                files are packed as the files of the source, or as the preset says. Or outputs, which say more and know
+                no preset. None: the formats of the preset, else "exr".
             progress: told the finished share, from 0 to 1.
             levels: how many are written; None for all.
             glb: textures of the GLB that is written, from `mipbake.stack.gltf.glb.encoded`; None for those that suit
                 most stacks, where `format` asks for a GLB.
             preset: a name in `mipbake.stack.presets.PRESETS`: an engine, whose formats, packing, normals and names are
                 written. Warns where the engine needs other sides than the stack's, and where the stack was made for
-                another sampler than the engine's.
+                another sampler than the engine's. None: the engine that the stack was baked for, where one was named.
             measured: measures every output as it was read back, before the folder appears: `mipbake.Check` of the
                 texture set and this stack. What it finds becomes `measured` of the output in stack.json, and stands in
                 the GLB. None measures nothing.

@@ -1,0 +1,116 @@
+"""What users of Python type: paths in place of texture sets and stacks, presets, the maps of a stack by name."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+import pydoc
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mipbake
+from mipbake.stack.presets import PRESETS
+
+from .source_tree import ROOT
+
+SET = ROOT / "examples" / "glazed_tiles"
+
+
+@pytest.fixture(scope="module")
+def stack() -> mipbake.MipStack:
+    return mipbake.bake(SET, "linear", preset="unreal")
+
+
+def test_a_stack_is_written_for_the_preset_that_it_was_baked_with(stack: mipbake.MipStack, tmp_path: Path) -> None:
+    names = sorted(path.name for path in stack.save(tmp_path / "baked"))
+    assert names == sorted(["stack.json", *(f"T_glazed_tiles_{map}.dds" for map in ("BC", "H", "N", "ORM"))])
+    opened = mipbake.open_stack(tmp_path / "baked")
+    assert opened.provenance.preset == "unreal"
+    assert sorted(path.name for path in opened.save(tmp_path / "again")) == names
+    assert (tmp_path / "unity" / "glazed_tiles_MaskMap.dds") in stack.save(tmp_path / "unity", preset="unity")
+    assert (tmp_path / "exr" / "T_glazed_tiles_N.exr") in stack.save(tmp_path / "exr", "exr")
+
+
+def test_a_preset_chooses_target_and_sampler_unless_they_are_named() -> None:
+    steel = SET.with_name("brushed_steel")
+    recipe = mipbake.BakeOptions(preset="unreal", method="neural").resolved()
+    assert (recipe.target, recipe.sampler) == ("gltf", PRESETS["unreal"].sampler)
+    assert mipbake.bake(steel, "linear", preset="unreal").model == "gltf"
+    assert mipbake.bake(steel, "linear", "gltf-anisotropic", preset="unreal").model == "gltf-anisotropic"
+    assert str(mipbake.BakeOptions(preset="unreal", sampler="trilinear").resolved().sampler) == "trilinear"
+
+
+def test_a_stack_has_levels_and_maps_by_name(stack: mipbake.MipStack) -> None:
+    assert len(stack) == 9 and len(list(stack)) == 9
+    assert [level.shape for level in stack.normal[:2]] == [(256, 256, 3), (128, 128, 3)]
+    assert np.array_equal(stack[2]["roughness"], stack.roughness[2])
+    assert np.array_equal(stack[-1]["base_color"], stack.levels[-1][..., :3])
+    assert list(stack[0]) == ["base_color", "metallic", "roughness", "normal", "occlusion", "height"]
+    assert {"base_color", "occlusion", "levels", "save"} <= {*dir(stack)}
+    with pytest.raises(AttributeError, match="map 'diffuse': its maps are base_color, metallic, roughness, normal"):
+        stack.diffuse  # noqa: B018
+    with pytest.raises(IndexError, match="level 9 of a stack of 9"):
+        stack[9]
+    for same in (copy.copy(stack), copy.deepcopy(stack), pickle.loads(pickle.dumps(stack))):
+        assert np.array_equal(same.normal[3], stack.normal[3])
+
+
+def test_a_map_of_fewer_levels_gives_its_last_one(stack: mipbake.MipStack) -> None:
+    made = mipbake.TextureSet.from_arrays(
+        "small", normal=np.full((8, 8, 3), (0, 0, 1.0)), roughness=0.5, occlusion=np.full((2, 2), 0.25)
+    )
+    baked = mipbake.bake(made, "linear")
+    assert [baked[level]["occlusion"].shape for level in range(4)] == [(2, 2, 1), (1, 1, 1), (1, 1, 1), (1, 1, 1)]
+
+
+def test_a_stack_says_its_verdict(stack: mipbake.MipStack) -> None:
+    assert stack.verdict is None
+    normal = np.random.default_rng(1).normal((0, 0, 2), 0.3, (16, 16, 3))
+    assert str(mipbake.bake(mipbake.TextureSet.from_arrays("rough", normal=normal, roughness=0.5)).verdict)
+
+
+def test_a_bake_takes_the_adjustments_of_the_command() -> None:
+    source = mipbake.load(SET)
+    changed = mipbake.bake(source, "lean", strength=0.0, keep_level0=True, min_roughness=0.2)
+    assert np.array_equal(changed.base_color[1], mipbake.bake(source, "linear", pixel_filter="box").base_color[1])
+    assert len(changed.provenance.adjustments) == 3 and changed.roughness[3].min() >= np.float32(0.2)
+    with pytest.raises(mipbake.UsageError, match="model ggx cannot be adjusted"):
+        mipbake.bake(source, "linear", "ggx", strength=0.5)
+
+
+def test_paths_stand_for_sets_and_stacks(stack: mipbake.MipStack, tmp_path: Path) -> None:
+    stack.save(tmp_path / "baked")
+    given = mipbake.validate(str(SET), tmp_path / "baked", lods=[1], points=8, samples=8, baselines=())
+    same = mipbake.validate(mipbake.load(SET), stack, lods=[1], points=8, samples=8, baselines=())
+    assert given.snr("baked", "near-mirror", 1) == pytest.approx(same.snr("baked", "near-mirror", 1), abs=0.5)
+    assert mipbake.convert(SET, "ggx").model == "ggx"
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"preset": "unreel"}, "unknown preset 'unreel'.*three, babylon"),
+        ({"method": "liner"}, "unknown method 'liner'.*auto, neural"),
+        ({"sampler": "cubic"}, "'cubic'.*trilinear, anisotropic or accumulated"),
+        ({"target": "disney"}, "unknown target 'disney'.*auto, gltf"),
+        ({"pixel_filter": "lanczos"}, "'lanczos'.*gaussian, box"),
+        ({"strenght": 0.5}, "unknown option 'strenght'.*strength.*preset"),
+    ],
+)
+def test_errors_name_the_choices(wrong: dict[str, object], said: str) -> None:
+    with pytest.raises(mipbake.UsageError, match=said):
+        mipbake.bake(SET, **wrong)  # type: ignore[arg-type]
+
+
+def test_help_begins_with_what_to_type() -> None:
+    first = pydoc.plain(pydoc.render_doc(mipbake)).split("PACKAGE CONTENTS")[0]
+    assert 'mipbake.bake("textures/wood", preset="unreal")' in first
+
+
+def test_the_package_runs_as_a_module() -> None:
+    told = subprocess.run([sys.executable, "-m", "mipbake", "presets"], capture_output=True, text=True, check=True)
+    assert "unreal" in told.stdout
