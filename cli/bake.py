@@ -12,7 +12,7 @@ from mipbake.cli import options
 from mipbake.cli.bake_output import Printer, told
 from mipbake.cli.batch_options import BatchFlags, with_project
 from mipbake.cli.session import Session
-from mipbake.cli.sources import SourcesOrProject, stacks_folder
+from mipbake.cli.sources import SourcesOrProject, stacks_folder, suggest_recursive
 from mipbake.source.layout import PROJECT
 from mipbake.source.options import LoadOptions
 
@@ -56,9 +56,5 @@ def bake(
     sets = [result["ok"] for result in results if "document" not in result]
     if len(sets) > 1:
         session.print(f"{sum(sets)} of {len(sets)} sets baked")
-    failures = [each for each in made if isinstance(each, NotBaked)]
-    if failures:
-        from mipbake.cli.bake_batch import suggest_recursive
-
-        suggest_recursive(session, failures, out)
+    suggest_recursive(session, [each.source for each in made if isinstance(each, NotBaked)], out)
     session.results(results)

@@ -13,11 +13,12 @@ from mipbake.baking import BakedDocument, BakedSet, BakeOptions, NotBaked
 from mipbake.baking.recipe import weights_of
 from mipbake.baking.results import DEFECT, Planned, Result
 from mipbake.base import disk
-from mipbake.base.errors import MipbakeError, OutputError, UsageError
+from mipbake.base.errors import OutputError, UsageError
 from mipbake.base.publish import reason, writing
 from mipbake.cli.bake_output import told
 from mipbake.cli.batch_options import BatchFlags, check_log
 from mipbake.cli.session import Session, bar, counted, plain
+from mipbake.cli.sources import suggest_recursive
 from mipbake.library import (
     COMMAND_LINE,
     BatchListener,
@@ -32,7 +33,6 @@ from mipbake.library import (
     watch_library,
 )
 from mipbake.library.depfile import write_depfile
-from mipbake.library.listing import found_library
 from mipbake.library.results import Progress
 from mipbake.library.run import Choose
 from mipbake.source.layout import PROJECT
@@ -169,18 +169,6 @@ def _of_project(
     )
 
 
-def suggest_recursive(session: Session, failures: Sequence[NotBaked], out: Path) -> None:
-    """Says what lies below folders that hold no maps themselves, for who forgot to ask for it."""
-    for folder in dict.fromkeys(each.source for each in failures):
-        with suppress(MipbakeError):  # why it cannot be read was said
-            if not disk.is_dir(folder):
-                continue
-            found = found_library([folder], out, lambda _: LoadOptions())
-            below = [entry for entry in found.entries if entry.source != folder]
-            if below:
-                session.print(f"note: --recursive bakes what lies below {folder}: {counted(len(below), 'source')}")
-
-
 def _say(session: Session, flags: BatchFlags, call: _Call, summary: Summary) -> None:
     """Says what a batch came to."""
     if flags.depfile is not None and not summary.failures:
@@ -189,7 +177,7 @@ def _say(session: Session, flags: BatchFlags, call: _Call, summary: Summary) -> 
         session.exit_code = max(session.exit_code, EXIT_CHECK)
     session.print(_summary_line(summary))
     if not flags.recursive and flags.config is None:
-        suggest_recursive(session, summary.failures, call.out)
+        suggest_recursive(session, [failure.source for failure in summary.failures], call.out)
     for entry in summary.entries:
         for failure in entry.failures:
             session.fail(f"{entry.entry.label}: {failure.error}", failure.error.exit_code)

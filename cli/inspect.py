@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -14,7 +15,7 @@ from mipbake.base.errors import UsageError
 from mipbake.cli import options
 from mipbake.cli.batch_options import CONFIG_OTHERWISE, BatchFlags, with_project
 from mipbake.cli.session import Session
-from mipbake.cli.sources import SourcesOrProject, over_sets
+from mipbake.cli.sources import SourcesOrProject, over_sets, suggest_recursive
 from mipbake.cli.tables import description, remarks_of, table
 from mipbake.source.jobs import Job
 from mipbake.source.layout import PROJECT
@@ -54,6 +55,9 @@ def inspect(
         return vars(job.named(found.found))
 
     results = over_sets(session, sources, load, show)
+    below = suggest_recursive(session, map(Path, sources))
+    if len(sources) == 1 and results and not (below or session.exit_code or load != LoadOptions()):
+        session.print(f"to bake what was found: mipbake bake {shlex.quote(sources[0])} -o baked")
     session.results(results)
 
 

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import shlex
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, Optional
 
 import typer
 
 from mipbake import InputError, MipbakeError
+from mipbake.base import disk
 from mipbake.base.publish import temporary_folder
-from mipbake.cli.session import Session
+from mipbake.cli.session import Session, counted
+from mipbake.source.archives import GLTF, MATERIALX, SUFFIX
 from mipbake.source.intake import jobs
 from mipbake.source.jobs import Failure, Job
 from mipbake.source.layout import manifests
@@ -63,6 +67,38 @@ def over_sets(
             except MipbakeError as error:
                 results.append(session.failed(job.source, error))
     return results
+
+
+def suggest_recursive(session: Session, sources: Iterable[Path], out: Path | None = None) -> bool:
+    """Says what lies below folders and was passed over, and what to type to bake it.
+
+    Args:
+        out: where the command bakes to; None for a command that bakes nothing.
+
+    Returns whether there is anything.
+    """
+    said = False
+    for folder in dict.fromkeys(sources):
+        with suppress(MipbakeError):  # why it cannot be read was said
+            if not disk.is_dir(folder) or not (disk.folders_in(folder) or _packed(disk.files_in(folder))):
+                continue
+            from mipbake.library.listing import found_library
+
+            entries = found_library([folder], out or Path("baked"), lambda _: LoadOptions()).entries
+            below = [entry.source for entry in entries if entry.source != folder]
+            sets, archives = sum(map(disk.is_dir, below)), sum(each.suffix.lower() == SUFFIX for each in below)
+            kinds = {"texture set": sets, "archive": archives, "document": len(below) - sets - archives}
+            parts = [counted(count, kind) for kind, count in kinds.items() if count]
+            typed = f"mipbake bake {shlex.quote(str(folder))} -o baked --recursive"
+            told = "the same command with --recursive bakes all of it" if out else typed
+            session.print(*([f"{' and '.join(parts)} below {folder}: {told}"] if parts else []))
+            said |= bool(parts)
+    return said
+
+
+def _packed(files: Iterable[Path]) -> list[Path]:
+    """Documents and archives."""
+    return [file for file in files if file.suffix.lower() in (*GLTF, MATERIALX, SUFFIX)]
 
 
 def stack_of(given: Path, job: Job, texture_set: TextureSet, alone: bool) -> Path:

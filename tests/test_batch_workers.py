@@ -169,7 +169,7 @@ def test_who_forgot_that_folders_hold_folders_is_told(tmp_path: Path, capsys: py
     library = write_library(tmp_path / "lib", 2)
     assert main(["bake", str(library), "-o", str(tmp_path / "out"), "--method", "linear", "--jobs", "1"]) == 3
     told = capsys.readouterr()
-    assert f"note: --recursive bakes what lies below {library}: 3 sources" in told.out
+    assert f"3 texture sets below {library}: the same command with --recursive bakes all of it" in told.out
 
 
 @needs_signals

@@ -74,8 +74,8 @@ def fit(
         others: stacks of the same model and sizes, such as bakes by other methods. A level starts from the one that the
             views show best.
         source: the texture set that the stack was baked from, or what `mipbake.load` takes. It makes the references:
-            the same renderer shows its level 0, supersampled under the stack's pixel filter. For that, views have a method
-            `moved(right, up)`, in pixels.
+            the same renderer shows its level 0, supersampled under the stack's pixel filter. For that, views have a
+            method `moved(right, up)`, in pixels.
         reference: in place of that, an image (H, W, 3) for each view, in order; or a function from a view to its image.
             With `held_out` the images of these views follow.
         held_out: views to check with. None: every fifth of `views`, which then is not learned from.

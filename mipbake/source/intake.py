@@ -13,7 +13,7 @@ from mipbake.base import disk
 from mipbake.base.errors import InputError, UsageError
 from mipbake.base.messages import listed
 from mipbake.base.safe_names import safe_name
-from mipbake.source.archives import GLTF, MATERIALX, Shelf
+from mipbake.source.archives import GLTF, MATERIALX, SUFFIX, Shelf
 from mipbake.source.gltf.document import Document, read_document
 from mipbake.source.gltf.images import image_files
 from mipbake.source.gltf.materials import read_materials
@@ -83,18 +83,28 @@ def _jobs_of(path: Path, options: LoadOptions, scratch: Path, shelf: Shelf) -> S
     if what == "gltf":
         return _gltf(path, read_document(path), options, scratch)
     if what == "file":
-        raise InputError(f"{path} is a file: expected a folder with the maps of one texture set")
+        raise InputError(f"{path} is a file, a single map: expected the folder that holds all maps of the set")
     if is_pattern(path):
         return _groups(path, list(pattern_files(path).values()), options, _by_pattern(path, options))
     refuse_baked(path)  # tiles of a stack are tiles as well
     files = files_of_folder(path)
-    if not files:
-        folders = disk.folders_in(path)
-        held = "holds folders but no files" if folders else "is empty"
-        meant = f", did you mean {listed(folders)}?" if folders else ""
-        raise InputError(f"{path} {held}: expected the maps of one texture set{meant}")
+    if not any(file.suffix.lower() in IMAGE_SUFFIXES for file in files) and not options.maps:
+        raise InputError(_without_images(path, files))
     refuse_baked(files[0].parent)
     return _tiled(path, files, options) if what == "udim" else _folder(path, files, options)
+
+
+def _without_images(path: Path, files: Sequence[Path]) -> str:
+    """What is wrong with a folder that holds no image, and what was meant."""
+    folders, packed = disk.folders_in(path), _with_suffix(files, (*GLTF, MATERIALX, SUFFIX))
+    if not files and not folders:
+        return f"{path} is empty: expected the maps of one texture set, such as wood_normal.png and wood_roughness.png"
+    meant = [*(each for each in folders if any(map(is_map, files_of_folder(each)))), *packed]
+    below = "; --recursive bakes what lies below, as mipbake.bake_library does" if folders or packed else ""
+    return (
+        f"{path} holds no images: expected the maps of one texture set"
+        f"{f' as in {listed(meant)}' if meant else ''}{below}"
+    )
 
 
 def _archived(path: Path, options: LoadOptions, scratch: Path, shelf: Shelf) -> list[Job | Failure]:
