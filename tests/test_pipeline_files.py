@@ -6,6 +6,7 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -89,6 +90,14 @@ def test_hooks_and_the_action_call_what_there_is(capsys: pytest.CaptureFixture[s
     assert len(found) >= 5
     for command in found:
         assert set(re.findall(r"--[a-z0-9-]+", command)) <= offered, command
+
+
+def test_the_example_says_what_it_lacks_and_goes_on(tmp_path: Path) -> None:
+    made = subprocess.run(
+        [sys.executable, str(EXAMPLES / "try.py")],
+        env={**os.environ, "PATH": str(tmp_path)}, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert made.stdout.count("left out, because mipbake is not installed: get it with python -m pip install") == 4
 
 
 def test_hooks_have_what_pre_commit_asks_for() -> None:

@@ -2,8 +2,8 @@
 
     python examples/pipeline/try.py
 
-It works in a temporary folder, on copies of the example sets. What needs a program that is not installed is left out,
-and says so.
+It works in a temporary folder, on copies of the example sets. A part that needs a program which is not installed is
+left out, with a sentence that says how to get it; one that fails says why, and the others go on.
 """
 
 from __future__ import annotations
@@ -20,22 +20,20 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 OPTIONS = ["--method", "linear", "--format", "png"]
+SOURCES = {"git": "from https://git-scm.com", "mipbake": f"with python -m pip install {ROOT}"}
+"""Where programs come from; all others with pip."""
+
+
+class PartError(Exception):
+    """A part did not work."""
 
 
 def run(*command: str, folder: Path, may_fail: bool = False) -> str:
     """What a command prints."""
     made = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     if made.returncode and not may_fail:
-        sys.exit(f"{' '.join(command)} failed:\n{made.stdout}{made.stderr}")
+        raise PartError(f"{' '.join(command)}\n{made.stdout}{made.stderr}")
     return made.stdout + made.stderr
-
-
-def lacks(*programs: str) -> bool:
-    """Whether a program is missing; says so."""
-    missing = [name for name in programs if shutil.which(name) is None]
-    if missing:
-        print(f"  left out: {' and '.join(missing)} is not installed")
-    return bool(missing)
 
 
 def edit(folder: Path) -> None:
@@ -60,43 +58,31 @@ def wait(holds: Callable[[], bool], what: str) -> None:
     end = time.monotonic() + 60
     while not holds():
         if time.monotonic() > end:
-            sys.exit(f"{what} did not happen within a minute")
+            raise PartError(f"{what} did not happen within a minute")
         time.sleep(0.01)
 
 
 def show_watch(folder: Path) -> None:
     """An edit is baked while the command goes on."""
-    print("--watch")
     log = folder / "watch.jsonl"
-    command = [
-        "mipbake",
-        "bake",
-        "textures",
-        "-o",
-        "watched",
-        "--recursive",
-        "--watch",
-        "--json-log",
-        str(log),
-        *OPTIONS,
-    ]
-    with subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
-        wait(lambda: len(lines(log)) == 2, "the first bake")
-        time.sleep(2)  # the watch begins after it
-        edit(folder)
-        saved = time.monotonic()
-        result = folder / "watched" / "leather" / "leather" / "stack.json"
-        before = result.stat().st_mtime_ns
-        wait(lambda: result.stat().st_mtime_ns != before, "the bake of an edit")
-        print(f"  {time.monotonic() - saved:.2f} s after the edit was saved, its result was there")
-        process.terminate()
+    command = ["mipbake", "bake", "textures", "-o", "watched", "--recursive", "--watch", "--json-log"]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    with subprocess.Popen([*command, str(log), *OPTIONS], cwd=folder, **quiet) as process:
+        try:
+            wait(lambda: len(lines(log)) == 2, "the first bake")
+            time.sleep(2)  # the watch begins after it
+            edit(folder)
+            saved = time.monotonic()
+            result = folder / "watched" / "leather" / "leather" / "stack.json"
+            before = result.stat().st_mtime_ns
+            wait(lambda: result.stat().st_mtime_ns != before, "the bake of an edit")
+            print(f"  {time.monotonic() - saved:.2f} s after the edit was saved, its result was there")
+        finally:
+            process.terminate()
 
 
 def show_depfile(folder: Path) -> None:
     """Ninja bakes what has changed, and nothing else."""
-    print("--depfile, with Ninja")
-    if lacks("ninja"):
-        return
     (folder / "build.ninja").write_text(
         f"rule bake\n  command = mipbake bake $in -o baked --depfile $set.d --quiet {' '.join(OPTIONS)}\n"
         "  depfile = $set.d\n  deps = gcc\n"
@@ -112,9 +98,6 @@ def show_depfile(folder: Path) -> None:
 
 def show_cmake(folder: Path) -> None:
     """The functions that find_package brings."""
-    print("CMake")
-    if lacks("cmake", "ninja"):
-        return
     (folder / "CMakeLists.txt").write_text(
         "cmake_minimum_required(VERSION 3.20)\nproject(game NONE)\nfind_package(mipbake REQUIRED)\n"
         f"mipbake_bake_library(textures textures baked {' '.join(OPTIONS)})\n"
@@ -129,9 +112,6 @@ def show_cmake(folder: Path) -> None:
 
 def show_hook(folder: Path) -> None:
     """A commit of an edit that was not baked is refused."""
-    print("the hook mipbake-check")
-    if lacks("git", "pre-commit"):
-        return
     (folder / "mipbake.toml").write_text(
         'library = "textures"\nout = "results"\n[options]\nmethod = "linear"\nformat = "png"\n'
     )
@@ -156,8 +136,17 @@ def show_hook(folder: Path) -> None:
         print(f"  {what}: {passed}")
 
 
-def main() -> None:
-    """Shows everything."""
+PARTS = (
+    ("--watch", show_watch, ("mipbake",)),
+    ("--depfile, with Ninja", show_depfile, ("mipbake", "ninja")),
+    ("CMake", show_cmake, ("mipbake", "cmake", "ninja")),
+    ("the hook mipbake-check", show_hook, ("mipbake", "git", "pre-commit")),
+)
+
+
+def main() -> int:
+    """Shows everything; 1 where a part failed."""
+    failed = False
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for example, short in (("lacquered_leather", "leather"), ("glazed_tiles", "tiles")):
@@ -165,9 +154,21 @@ def main() -> None:
         then = time.time() - 60
         for path in folder.rglob("*"):
             os.utime(path, (then, then))
-        for show in (show_watch, show_depfile, show_cmake, show_hook):
-            show(folder)
+        for title, show, programs in PARTS:
+            print(title)
+            for program in (each for each in programs if shutil.which(each) is None):
+                source = SOURCES.get(program, f"with python -m pip install {program}")
+                print(f"  left out, because {program} is not installed: get it {source}")
+                break
+            else:
+                try:
+                    show(folder)
+                except (PartError, OSError) as error:
+                    print(f"  failed: {error}")
+                    failed = True
+    print("not shown: the action and the image (action.yml, Dockerfile), which need a server and Docker")
+    return int(failed)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())
