@@ -15,6 +15,8 @@ import pytest
 import mipbake
 from mipbake.stack.presets import PRESETS
 
+from .command_line import write_set
+from .report_cases import made_up
 from .source_tree import ROOT
 
 SET = ROOT / "examples" / "glazed_tiles"
@@ -104,6 +106,35 @@ def test_paths_stand_for_sets_and_stacks(stack: mipbake.MipStack, tmp_path: Path
 def test_errors_name_the_choices(wrong: dict[str, object], said: str) -> None:
     with pytest.raises(mipbake.UsageError, match=said):
         mipbake.bake(SET, **wrong)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("wrong", [{"normal": np.zeros((4, 4, 3))}, np.zeros((4, 4, 3)), None, 3])
+def test_what_is_no_source_is_told(wrong: object) -> None:
+    with pytest.raises(mipbake.UsageError, match=r"the source is a \w+: expected a path.*TextureSet.from_arrays"):
+        mipbake.bake(wrong)  # type: ignore[arg-type]
+
+
+def test_a_comparison_is_checked_before_any_work() -> None:
+    with pytest.raises(mipbake.InputError, match="does not exist"):
+        mipbake.compare("nowhere")
+    with pytest.raises(mipbake.InputError, match="no such folder"):
+        mipbake.compare(SET, stack="nowhere")
+    with pytest.raises(mipbake.UsageError, match=r"unknown option 'film'.*films"):
+        mipbake.compare(SET, film=False)
+
+
+def test_a_comparison_is_saved_as_its_report(tmp_path: Path) -> None:
+    names = [path.name for path in made_up().save(tmp_path / "report")]
+    assert names[:2] == ["index.html", "results.json"]
+
+
+def test_a_script_bakes_a_library_without_a_guard(tmp_path: Path) -> None:
+    """The processes of a batch do not run the script that began them."""
+    write_set(tmp_path / "textures" / "wood")
+    script = tmp_path / "script.py"
+    script.write_text("import mipbake\nprint(mipbake.bake_library('textures', 'baked', method='linear'))\n")
+    told = subprocess.run([sys.executable, script], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert told.stdout == "Summary(baked=1, documents=0, planned=0, unchanged=0, failures=[])\n"
 
 
 def test_help_begins_with_what_to_type() -> None:

@@ -60,6 +60,11 @@ class BakedSet:
     seconds: Mapping[str, float]
     set: Found
 
+    def __repr__(self) -> str:
+        """A description in one line."""
+        made = f"{self.model}, {self.levels} levels, by {self.provenance.method}"
+        return f"BakedSet({str(self.out)!r}, {made}, {len(self.files)} files)"
+
     @property
     def bytes(self) -> int:
         """Size of all files."""
@@ -86,6 +91,10 @@ class BakedDocument:
     files: tuple[WrittenFile, ...]
     measured: Mapping[str, Mapping[str, Any] | None]
     plain: tuple[PlainCost, ...] = ()
+
+    def __repr__(self) -> str:
+        """A description in one line."""
+        return f"BakedDocument({str(self.out)!r}, {len(self.measured)} materials)"
 
     @property
     def bytes(self) -> int:

@@ -76,6 +76,11 @@ class Summary:
 
     entries: tuple[EntryResult, ...] = field(default=())
 
+    def __repr__(self) -> str:
+        """A description in one line."""
+        counts = f"baked={self.baked}, documents={self.documents}, planned={self.planned}, unchanged={self.unchanged}"
+        return f"Summary({counts}, failures={self.failures})"
+
     def _count(self, kind: type[Result]) -> int:
         return sum(isinstance(each, kind) for entry in self.entries for each in entry.results)
 

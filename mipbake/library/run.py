@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path, PurePath
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from mipbake.baking.options import BakeOptions
 from mipbake.baking.recipe import Ingredients
@@ -40,7 +40,7 @@ from mipbake.library.watching import changes, touched, watched
 from mipbake.library.workers import Share, Workers, workers
 from mipbake.source.inputs import expand
 from mipbake.source.layout import is_manifest, manifests
-from mipbake.source.options import LoadOptions
+from mipbake.source.options import LoadOptions, with_overrides
 from mipbake.stack.manifest import check_output, holds_stacks
 
 Choose: TypeAlias = Callable[[str], Chosen]
@@ -98,12 +98,12 @@ def bake_library(
     batch: BatchOptions | None = None,
     listener: BatchListener = BatchListener(),  # noqa: B008
     choose: Choose | None = None,
+    **overrides: Any,
 ) -> Summary:
     """Bakes everything below folders, in several processes. What has not changed since the last time is left.
 
-        if __name__ == "__main__":  # the processes import the file that calls this
-            summary = mipbake.bake_library("textures", "baked", mipbake.BakeOptions(preset="unreal"))
-            print(summary.baked, summary.unchanged, [str(each.error) for each in summary.failures])
+        summary = mipbake.bake_library("textures", "baked", preset="unreal")
+        print(summary.baked, summary.unchanged, [str(each.error) for each in summary.failures])
 
     A result says itself what it was made from: its sources, how they were read, options, weights and version. Where all
     of that is as it was, the result is left. Sizes and times of files, which are kept in `OUT/.mipbake`, tell that
@@ -117,6 +117,7 @@ def bake_library(
         listener: hears what happens meanwhile.
         choose: gives options for each entry by its label, in place of `options` and `load`, as the method `chosen` of a
             project file does: `mipbake.library.read_project("mipbake.toml").chosen`.
+        overrides: single fields of `BakeOptions`, on top of `options`.
 
     Returns:
         What became of every entry. An entry that fails, as where the folder of all results cannot be written, keeps no
@@ -128,7 +129,9 @@ def bake_library(
         OutputError: a cluster is to write where this machine cannot.
     """
     how = batch or BatchOptions()
-    run = Batch(Path(out), _chooser(options, load, choose), how, States(Path(out), not how.dry_run), listener)
+    run = Batch(
+        Path(out), _chooser(options, load, choose, overrides), how, States(Path(out), not how.dry_run), listener
+    )
     library = run.find(sources)
     plan = run.plan(library)
     if not plan.tasks:
@@ -147,11 +150,13 @@ def watch_library(
     batch: BatchOptions | None = None,
     listener: BatchListener = BatchListener(),  # noqa: B008
     choose: Choose | None = None,
+    **overrides: Any,
 ) -> Iterator[Summary]:
     """The same again and again: after each change below the sources, what has changed is baked. There is no end to it.
 
     Args:
-        sources, out, options, load, batch, listener, choose: as for `bake_library`. A dry run cannot be watched.
+        sources, out, options, load, batch, listener, choose, overrides: as for `bake_library`. A dry run cannot be
+            watched.
 
     Yields:
         What each pass came to; the first is about the whole library, the others are about what has changed.
@@ -164,7 +169,7 @@ def watch_library(
     if how.dry_run:
         raise UsageError("a dry run bakes nothing, so there is nothing to watch for: expected one of the two")
     check_extra("watch", "--watch")
-    run = Batch(Path(out), _chooser(options, load, choose), how, States(Path(out)), listener)
+    run = Batch(Path(out), _chooser(options, load, choose, overrides), how, States(Path(out)), listener)
     library = run.find(sources)
     given = [sources] if isinstance(sources, (str, os.PathLike)) else sources
     folders = watched(expand([os.fspath(each) for each in given]))
@@ -193,9 +198,11 @@ def _pool(how: BatchOptions, out: Path, most: int | None = None) -> Iterator[Wor
         yield here
 
 
-def _chooser(options: BakeOptions | None, load: LoadOptions | None, choose: Choose | None) -> Choose:
+def _chooser(
+    options: BakeOptions | None, load: LoadOptions | None, choose: Choose | None, overrides: Mapping[str, Any]
+) -> Choose:
     """What gives options for each entry. UsageError, before anything is made, for options that cannot be."""
-    same = Chosen(options or BakeOptions(), load or LoadOptions())
+    same = Chosen(with_overrides(options or BakeOptions(), overrides), load or LoadOptions())
     same.options.plan()
     return choose or (lambda _label: same)
 

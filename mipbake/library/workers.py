@@ -16,6 +16,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
+from types import ModuleType
 
 from mipbake.baking.results import NotBaked
 from mipbake.base import memory
@@ -113,10 +114,12 @@ class Workers:
         """A task for a process, which may begin now. Signals wait until it does what `_begin` says."""
         pool = self._started()  # before the signals wait: its queues begin a process, and that lets signals through
         if sys.platform == "win32":
-            return pool.submit(work, task)
+            with _main_hidden():
+                return pool.submit(work, task)
         before = signal.pthread_sigmask(signal.SIG_BLOCK, _STOPPING)
         try:
-            return pool.submit(work, task)
+            with _main_hidden():
+                return pool.submit(work, task)
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
@@ -135,6 +138,17 @@ class Workers:
         if self._pool is not None:
             self._pool.shutdown(cancel_futures=True)
         self._pool = self._lifeline = None
+
+
+@contextmanager
+def _main_hidden() -> Iterator[None]:
+    """Processes that begin meanwhile do not run the file that Python runs here, which would call what calls this."""
+    main = sys.modules["__main__"]
+    sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = main
 
 
 @contextmanager

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from mipbake.base.errors import InputError
+from mipbake.base.errors import InputError, UsageError
 from mipbake.base.messages import listed
 from mipbake.base.publish import temporary_folder
 from mipbake.source.discover import find
@@ -44,12 +44,18 @@ def load(
     Raises:
         InputError: the source or a file cannot be used, or it holds several sets, which `load_all` reads; the sentence
             says which and what to do.
-        UsageError: an option does not exist or has a value it cannot have.
+        UsageError: an option does not exist or has a value it cannot have, or the source is neither path nor paths.
         OutputError: there is no room for temporary files.
     """
     asked = with_overrides(options or LoadOptions(), overrides)
     if not isinstance(source, (str, os.PathLike)):
-        return read(find([*dict.fromkeys(map(Path, source))], asked), asked)
+        files = [*source] if isinstance(source, Iterable) and not isinstance(source, Mapping) else [None]
+        if not all(isinstance(file, (str, os.PathLike)) for file in files):
+            raise UsageError(
+                f"the source is a {type(source).__name__}: expected a path, the paths of one set's files, or a "
+                "TextureSet; TextureSet.from_arrays makes one of arrays"
+            )
+        return read(find([*dict.fromkeys(map(Path, files))], asked), asked)
     with temporary_folder() as scratch:
         found = jobs([os.fspath(source)], asked, scratch)
         several = [name for job in found if isinstance(job, Job) for name in job.names.values()]

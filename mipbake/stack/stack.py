@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -143,7 +144,7 @@ class MipStack:
 
     def __getitem__(self, level: int) -> dict[str, NDArray[np.float32]]:
         """Every map at a level, by name: (H_L, W_L, channels of the map). A map of fewer levels gives its last one."""
-        if not -len(self) <= level < len(self):
+        if not -len(self) <= operator.index(level) < len(self):
             raise IndexError(f"level {level} of a stack of {len(self)} levels")
         index = level % len(self)
         return {layout.name: chain[min(index, len(chain) - 1)] for layout, chain in self.maps()}
