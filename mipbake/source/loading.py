@@ -49,7 +49,7 @@ def load(
     """
     asked = with_overrides(options or LoadOptions(), overrides)
     if not isinstance(source, (str, os.PathLike)):
-        files = [*source] if isinstance(source, Iterable) and not isinstance(source, Mapping) else [None]
+        files: list[Any] = [*source] if isinstance(source, Iterable) and not isinstance(source, Mapping) else [None]
         if not all(isinstance(file, (str, os.PathLike)) for file in files):
             raise UsageError(
                 f"the source is a {type(source).__name__}: expected a path, the paths of one set's files, or a "
