@@ -15,6 +15,7 @@ from mipbake.cli.session import Session
 from mipbake.cli.sources import SourcesOrProject, stacks_folder, suggest_recursive
 from mipbake.source.layout import PROJECT
 from mipbake.source.options import LoadOptions
+from mipbake.stack.presets import preset_named
 
 
 @partial(options.reads_sets, without=())
@@ -28,7 +29,7 @@ def bake(
     sources: SourcesOrProject = None,
     out: Annotated[Optional[Path], stacks_folder] = None,  # noqa: UP045
 ) -> None:
-    """Bake texture sets into MIP stacks.
+    """Bake texture sets into MIP stacks. They look like their source from afar, too: calm, and as glossy as it is.
 
     A set that cannot be baked is reported, and the other sets are baked all the same. A search with a budget is
     kept in OUT/.<set>.search from time to time: after Ctrl-C or a crash, the same command goes on from there.
@@ -56,5 +57,8 @@ def bake(
     sets = [result["ok"] for result in results if "document" not in result]
     if len(sets) > 1:
         session.print(f"{sum(sets)} of {len(sets)} sets baked")
+    if wanted.preset and any(sets):
+        engine = preset_named(wanted.preset)
+        session.print(*(f"in {engine.engine}: {note}" for note in engine.notes))
     suggest_recursive(session, [each.source for each in made if isinstance(each, NotBaked)], out)
     session.results(results)

@@ -7,17 +7,18 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import Any, TextIO
 
 from mipbake.baking import BakedDocument, BakedSet, BakeOptions, NotBaked
 from mipbake.baking.recipe import weights_of
 from mipbake.baking.results import DEFECT, Planned, Result
 from mipbake.base import disk
 from mipbake.base.errors import OutputError, UsageError
+from mipbake.base.progress import ProgressLine
 from mipbake.base.publish import reason, writing
 from mipbake.cli.bake_output import told
 from mipbake.cli.batch_options import BatchFlags, check_log
-from mipbake.cli.session import Session, bar, counted, plain
+from mipbake.cli.session import Session, counted, plain, progress_line
 from mipbake.cli.sources import suggest_recursive
 from mipbake.library import (
     COMMAND_LINE,
@@ -40,10 +41,6 @@ from mipbake.source.options import LoadOptions
 
 EXIT_CHECK = 5
 """Exit code of --check where something would be baked."""
-
-if TYPE_CHECKING:
-    from rich.progress import Progress as Bar
-    from rich.progress import TaskID
 
 
 @dataclass(frozen=True)
@@ -138,15 +135,15 @@ def bake_batch(
         raise UsageError("--watch goes on without end, and --json is printed at the end: use --json-log instead")
     with (
         closing(JsonLog(session, flags.json_log)) as log,
-        bar(session, "baking", "{task.completed}/{task.total}", "{task.fields[left]}") as shown,
+        progress_line(session, call.out.name or "library") as line,
     ):
-        task = None if shown is None else shown.add_task("", total=None, done="", left="")
-        printer = _Printer(session, log, call, flags.depfile, shown, task)
+        printer = _Printer(session, log, call, flags.depfile, line)
         arguments = (call.sources, call.out, call.options, call.load, call.how, printer, call.choose)
         if not flags.watch:
             _say(session, flags, call, bake_library(*arguments))
             return
         for summary in watch_library(*arguments):
+            line.idle()
             _say(session, flags, call, summary)
             session.print("watching; Ctrl-C ends it")
 
@@ -201,8 +198,7 @@ class _Printer(BatchListener):
     log: JsonLog
     call: _Call
     depfile: Path | None
-    bar: Bar | None
-    task: TaskID | None
+    line: ProgressLine
     idle: list[str] = field(default_factory=list)
 
     def found(self, entries: Sequence[Entry], notes: Sequence[str], jobs: int) -> None:
@@ -221,8 +217,8 @@ class _Printer(BatchListener):
             notes = [*notes, *self.idle]
         processes = f", baking with {counted(jobs, 'process')}" if jobs else ", nothing has changed"
         self.session.print(*(f"note: {note}" for note in notes), f"found {counted(len(entries), 'source')}{processes}")
-        if self.bar is not None and self.task is not None:
-            self.bar.update(self.task, total=len(entries), done=f"0/{len(entries)}")
+        self.line.show("baking", 0.0)
+        self.line.note(f"0 of {len(entries)} done")
 
     def left(self, result: EntryResult) -> None:
         """See BatchListener."""
@@ -235,35 +231,24 @@ class _Printer(BatchListener):
             for defect in each.defects if isinstance(each, BakedSet) else ():
                 self.session.fail(f"{result.entry.label}: {defect}", DEFECT)
         self.log.write(result)
-        if self.bar is not None and self.task is not None:
-            done = f"{progress.done}/{progress.count}"
-            self.bar.update(self.task, completed=progress.done, done=done, left=_remaining(progress.seconds_left))
+        self.line.show("baking", progress.done / progress.count, progress.seconds_left)
+        self.line.note(f"{progress.done} of {progress.count} done")
 
 
 def _line(each: Result, result: EntryResult, progress: Progress) -> str:
     """One line for one set."""
     at = f"[{progress.done}/{progress.count}]"
-    left = "" if progress.seconds_left is None or progress.done == progress.count else _remaining(progress.seconds_left)
     if isinstance(each, Planned):
         return f"{result.entry.label}: would be baked to {each.out}, because {each.why}"
     if isinstance(each, NotBaked):
-        return f"{at} {result.entry.label}: failed{left}"
+        return f"{at} {result.entry.label}: failed"
     if not isinstance(each, (BakedSet, BakedDocument)):
-        return f"{at} {result.entry.label}: unchanged{left}"
+        return f"{at} {result.entry.label}: unchanged"
     warned = f", {counted(len(each.warnings), 'warning')}" if isinstance(each, BakedSet) and each.warnings else ""
     size = f"wrote {each.out}, {counted(len(each.files), 'file')}, {each.bytes / 1e6:.2f} MB"
     if not each.files:  # it lies in the file of its document, whose line follows
         size = f"baked the material {each.out.name}"
-    return f"{at} {result.entry.label}: {size} in {result.seconds:.1f} s{warned}{left}"
-
-
-def _remaining(seconds: float | None) -> str:
-    """What is left, as the end of a line."""
-    if seconds is None:
-        return ""
-    minutes = round(seconds / 60)
-    time = f"{round(seconds)} s" if seconds < 90 else f"{minutes} min" if minutes < 90 else f"{seconds / 3600:.1f} h"
-    return f", about {time} left"
+    return f"{at} {result.entry.label}: {size} in {result.seconds:.1f} s{warned}"
 
 
 def _summary_line(summary: Summary) -> str:

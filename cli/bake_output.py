@@ -12,12 +12,12 @@ from types import FrameType
 from typing import Any
 
 from mipbake.baking import BakedDocument, BakedSet, Listener, NotBaked
-from mipbake.baking.methods import Stop
+from mipbake.baking.methods import OPTIONS, Stop
 from mipbake.baking.options import BakePlan
-from mipbake.baking.results import DEFECT, Planned, Result, Unchanged
+from mipbake.baking.results import DEFECT, Planned, Result, Unchanged, WrittenFile
 from mipbake.base.timings import Timings
-from mipbake.cli.session import Session, failed, timings
-from mipbake.cli.tables import description, remarks_of
+from mipbake.cli.session import Session, counted, failed, timings
+from mipbake.cli.tables import describe, remark
 from mipbake.source.jobs import Failure, Job
 from mipbake.source.texture_set import TextureSet
 from mipbake.stack.costs import Cost
@@ -26,6 +26,10 @@ from mipbake.stack.output import GLB
 from mipbake.stack.packing import Normals
 from mipbake.stack.presets import Preset
 from mipbake.stack.stack import MipStack, Provenance
+from mipbake.stack.verdict import verdict
+
+_PARTS = {"read": 4, "prefilter": 76, "other maps": 2, "encode": 4, "write": 6, "check": 8}
+"""Phases of a bake, with their parts of the time by `auto` of sets of 1024 x 1024 texels, roughly."""
 
 
 class Stopping:
@@ -76,20 +80,20 @@ class Printer(Listener):
 
     @contextmanager
     def timings(self, label: str) -> Iterator[Timings]:
-        """See Listener: with a progress bar."""
-        with timings(self.session, label) as made:
+        """See Listener: with a line of progress."""
+        with timings(self.session, label, _PARTS) as made:
             yield made
 
     def found(self, plan: BakePlan, jobs: Sequence[Job | Failure]) -> None:
         """See Listener."""
         if plan.preset:
-            self.session.print(*_preset_lines(plan.preset, plan, [job for job in jobs if isinstance(job, Job)]))
+            self.session.details(_preset_line(plan.preset, plan, [job for job in jobs if isinstance(job, Job)]))
 
     def read(self, job: Job, sets: Sequence[TextureSet]) -> None:
         """See Listener."""
         for texture_set in sets:
-            self.session.print(*description(job, texture_set))
-        self.session.print(*remarks_of(job))
+            describe(self.session, job, texture_set)
+        remark(self.session, job)
 
     def note(self, sentence: str) -> None:
         """See Listener."""
@@ -101,30 +105,31 @@ class Printer(Listener):
         learned = f" with {made.weights}" if made.weights else ""
         aimed = f", sampler {made.sampler}" if made.sampler else ""
         aimed += "" if made.aim is None else f", aim {made.aim:g}"
-        wrote = f"wrote {result.out}: {len(result.files)} files, {result.bytes / 1e6:.2f} MB"
-        self.session.print(
+        self.session.details(
             f"baked by {made.method}{learned} to {stack.model}, pixel filter {made.pixel_filter}{aimed}, "
             f"{len(stack.levels)} levels",
             *(f"adjusted: {line}" for line in made.adjustments),
             *measured_lines(made),
             *(line for each in result.costs for line in _cost_lines(each)),
-            *(f"warning: {line}" for line in result.warnings if line not in job.warnings),  # which `read` has told
             f"time: {timings.summary()}",
-            *([wrote] if result.files and not job.tiled else []),
+        )
+        self.session.print(
+            *verdict_lines(result),
+            *(f"warning: {line}" for line in result.warnings if line not in job.warnings),  # which `read` has told
+            *([_wrote(result.out, result.files, sized=not made.promise)] if result.files and not job.tiled else []),
         )
         for line in result.defects:
             self.session.fail(f"{result.out}: {line}", DEFECT)
 
     def gathered(self, folder: Path, tiles: Sequence[BakedSet]) -> None:
         """See Listener."""
-        size, count = sum(tile.bytes for tile in tiles), sum(len(tile.files) for tile in tiles)
-        self.session.print(f"wrote {folder}: {len(tiles)} tiles, {count} files, {size / 1e6:.2f} MB")
+        self.session.print(_wrote(folder, [file for tile in tiles for file in tile.files], f"{len(tiles)} tiles, "))
 
     def document(self, result: BakedDocument, bytes_before: int) -> None:
         """See Listener."""
-        sizes = f"{bytes_before / 1e6:.2f} MB in, {result.bytes / 1e6:.2f} MB out"
         plain = ["textures with plain levels, PSNR of their blocks:"] if result.plain else []
-        self.session.print(*plain, *(f"  {cost}" for cost in result.plain), f"wrote {result.out}: {sizes}")
+        self.session.details(*plain, *(f"  {cost}" for cost in result.plain))
+        self.session.print(f"wrote {result.out}: {bytes_before / 1e6:.1f} MB in, {result.bytes / 1e6:.1f} MB out")
 
     def failed(self, failure: NotBaked) -> None:
         """See Listener."""
@@ -158,6 +163,23 @@ def told(result: Result) -> dict[str, Any]:
     }
 
 
+def verdict_lines(result: BakedSet) -> list[str]:
+    """How a stack looks beside plain MIP maps, and what to do; no line of methods that measure nothing."""
+    made = result.provenance
+    if made.promise is not None:
+        found = verdict(made.promise)
+        size = f" {result.bytes / 1e6:.1f} MB." if result.files else ""
+        return [f"{found.sentence}{size} {found.advice}"]
+    if made.method not in OPTIONS["budget"]:
+        return []
+    return [f"No verdict: it was changed after it was measured ({'; '.join(made.adjustments) or 'for its opacity'})."]
+
+
+def _wrote(out: Path, files: Sequence[WrittenFile], of: str = "", sized: bool = True) -> str:
+    size = f", {sum(file.bytes for file in files) / 1e6:.1f} MB" if sized else ""
+    return f"wrote {out}: {of}{counted(len(files), 'file')}{size}"
+
+
 def _cost_lines(cost: Cost) -> list[str]:
     """What files cost, in plain lines."""
     losses = (f"{view} {'0.00' if abs(loss) < 0.005 else f'{loss:+.2f}'} dB" for view, loss in cost.loss.items())
@@ -187,8 +209,6 @@ def measured_lines(made: Provenance) -> list[str]:
     ]
     if measured.visible is not None:
         lines.append(f"visible error in small pictures: {measured.visible:.0%} of what plain MIP maps have")
-    if measured.looks_plain:
-        lines.append("note: plain MIP maps (--method linear --filter box) look the same under this sampler")
     if made.aim and any(sum(each.gain(name) for each in measured.levels) < 0 for name in pair_sets):
         lines.append(
             f"note: aim {made.aim:g} weighs what people see in moving pictures beside these figures, which are "
@@ -197,17 +217,14 @@ def measured_lines(made: Provenance) -> list[str]:
     return lines
 
 
-def _preset_lines(preset: Preset, plan: BakePlan, found: list[Job]) -> list[str]:
-    """What a preset chose for these sources, and what the user has to mind."""
+def _preset_line(preset: Preset, plan: BakePlan, found: list[Job]) -> str:
+    """What a preset chose for these sources."""
     outputs = plan.outputs if any(plan.writes_maps(job) for job in found) else ()
     files = [f"{o.format}, packing {o.packing}, normals {_normals(o.normals)}" for o in outputs]
     files += [f"{GLB} with {output(plan.glb_texels).format} in it"] if any(plan.wants_glb(job) for job in found) else []
     written = f", {'; '.join(files)}" if files else ""
     sampler = f", sampler {plan.options.sampler}" if plan.options.sampler else ""
-    return [
-        f"preset {preset.name} for {preset.engine}: target {plan.target}{sampler}{written}",
-        *(f"in the engine: {note}" for note in preset.notes),
-    ]
+    return f"preset {preset.name} for {preset.engine}: target {plan.target}{sampler}{written}"
 
 
 def _normals(normals: Normals) -> str:

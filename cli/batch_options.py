@@ -27,11 +27,11 @@ class BatchFlags:
     """
 
     recursive: bool = option(
-        False, "Bake every set, document and archive below the sources, into a tree like theirs.", short="r"
+        False, "Bake everything below the sources that has changed, into a tree like theirs.", short="r"
     )
     jobs: int | None = option(
         None,
-        "Bake so many sources at once, in processes that share threads and --memory.",
+        "Bake so many sources at once.\n\nThey share threads and --memory.",
         short="j",
         metavar="N",
         otherwise="1",

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from typing import Any
 
@@ -27,6 +28,19 @@ SUMMARIES: Mapping[str, str] = {
 """Commands in the order of the help text, each with the first sentence of its docstring, which can be shown without
 loading the command."""
 
+EXAMPLES: Mapping[str, Sequence[str]] = {
+    "bake": (
+        "mipbake bake textures/wood -o baked",
+        "mipbake bake textures/wood -o baked --preset unreal",
+        "mipbake bake library -o baked --recursive --jobs 4",
+    ),
+}
+"""Command to what is typed, for its help."""
+
+_LONG = 16
+"""Letters of a placeholder above which the first help has the name of the option in its place, where the other help
+says more."""
+
 
 def loaded(name: str) -> Callable[..., None]:
     """The function of a command, from the module of the same name."""
@@ -35,20 +49,47 @@ def loaded(name: str) -> Callable[..., None]:
 
 
 class Command(typer.core.TyperCommand):
-    """A command whose help shows the options that most people need, and all of them in groups by --help-all."""
+    """A command with two helps: one of the options that most people need, with the first paragraph of each text, and
+    one of everything, in groups, by --help-all."""
+
+    def format_help_text(self, ctx: Any, formatter: Any) -> None:
+        """Writes what the command does, and examples."""
+        whole, self.help = self.help, _text(ctx, self.help)
+        super().format_help_text(ctx, formatter)
+        self.help = whole
+        if self.name in EXAMPLES:
+            with formatter.section("Examples"):
+                formatter.write("".join(f"{'':{formatter.current_indent}}{each}\n" for each in EXAMPLES[self.name]))
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Writes the options into the help text."""
         groups: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
         for each in self.get_params(ctx):
-            record = each.get_help_record(ctx)
             group = "Arguments" if each.param_type_name == "argument" else getattr(each, "rich_help_panel", None)
-            if record is not None and (group in (None, "Arguments") or SHOWS_ALL in ctx.meta):
-                groups.setdefault(group or "Options", []).append(record)
+            if group in (None, "Arguments") or SHOWS_ALL in ctx.meta:
+                short = _text(ctx, each.help)
+                if "\n\n" in each.help and SHOWS_ALL not in ctx.meta and len(each.metavar or "") > _LONG:
+                    each.metavar = each.name.upper()
+                each.help = short
+                flags, text = each.get_help_record(ctx) or ("", "")
+                if flags:  # typer puts words for a default into brackets of two kinds
+                    record = flags, re.sub(r"\[default: \((.*)\)\]$", r"[default: \1]", text)
+                    groups.setdefault(group or "Options", []).append(record)
         for group, records in groups.items():
             if records:
                 with formatter.section(group):
-                    formatter.write_dl(records)
+                    formatter.write_dl(records, col_max=26)
+
+    def format_epilog(self, ctx: Any, formatter: Any) -> None:
+        """Writes the exit codes, where all is wanted."""
+        if SHOWS_ALL in ctx.meta:
+            super().format_epilog(ctx, formatter)
+
+
+def _text(ctx: Any, text: str | None) -> str:
+    """What help says of something: its first paragraph, or all of them."""
+    first, *others = (text or "").split("\n\n")
+    return " ".join([first, *others]) if SHOWS_ALL in ctx.meta else first
 
 
 class Commands(typer.core.TyperGroup):

@@ -187,11 +187,11 @@ def _print(session: Session, comparison: Comparison, place: Path, files: Sequenc
     """What a comparison found, for people."""
     session.print(verdict(comparison).sentence)
     if comparison.films:
-        session.print("", film_table(comparison))
+        session.details("", film_table(comparison))
     for pair_set in PAIR_SETS:
-        session.print("", scale_table(comparison, pair_set))
-    session.print("", *(f"warning: {warning}" for warning in comparison.warnings))
-    session.print(*(f"note: {note}" for note in comparison.notes), f"time: {progress.summary()}")
+        session.details("", scale_table(comparison, pair_set))
+    session.print(*(f"warning: {warning}" for warning in comparison.warnings))
+    session.details(*(f"note: {note}" for note in comparison.notes), f"time: {progress.summary()}")
     size_of = sum(file.stat().st_size for file in files)
     session.print(f"wrote {place / PAGE}: {len(files)} files, {size_of / 1e6:.1f} MB")
 

@@ -30,9 +30,9 @@ from mipbake.base.options import one_of, option, same
 from mipbake.base.publish import temporary_folder
 from mipbake.base.timings import Timings
 from mipbake.cli import options
-from mipbake.cli.session import Session, timings
+from mipbake.cli.session import Session, counted, timings
 from mipbake.cli.sources import Sources
-from mipbake.cli.tables import description, remarks_of
+from mipbake.cli.tables import describe, remark
 from mipbake.material import model_named
 from mipbake.source.inputs import expand
 from mipbake.source.intake import jobs
@@ -168,13 +168,14 @@ def _read_set(session: Session, job: Job, tile: int, out: Path) -> _Read:
             given = job.read_tile(tile)
             reading("read", 1.0)
         check_material_output(place, given.found.hashes)
-        session.print(*description(job, given), *remarks_of(job))
+        describe(session, job, given)
+        remark(session, job)
         return _Read(given, place, reading, job.named(given.found))
 
 
 def _write(session: Session, read: _Read, to: str, flags: ConvertFlags) -> dict[str, Any]:
     """Converts and writes, prints what happened, and returns it for JSON."""
-    with timings(session, read.place.name) as converting:
+    with timings(session, read.place.name, {"convert": 3, "write": 1}) as converting:
         converting.seconds.update(read.reading.seconds)
         made = mipbake.convert(read.given, to, flags.weights, flags.device)
         converting("convert", 1.0)
@@ -184,9 +185,9 @@ def _write(session: Session, read: _Read, to: str, flags: ConvertFlags) -> dict[
     rule = f"by {by.weights} under the pixel filter {by.pixel_filter}" if by.weights else "unfiltered"
     session.print(
         f"converted from {by.source_model} to {made.model}, level 0 alone, {rule}",
-        f"time: {converting.summary()}",
-        f"wrote {read.place}: {len(files)} files, {size / 1e6:.2f} MB",
+        f"wrote {read.place}: {counted(len(files), 'file')}, {size / 1e6:.1f} MB",
     )
+    session.details(f"time: {converting.summary()}")
     return {
         "out": read.place,
         "files": [{"path": file, "bytes": file.stat().st_size} for file in files],

@@ -17,9 +17,9 @@ from mipbake.baking.search.long_run import BEST, seconds_of
 from mipbake.base.errors import UsageError
 from mipbake.base.options import one_of, option, same
 from mipbake.cli import options
-from mipbake.cli.session import Session, timings
+from mipbake.cli.session import Session, counted, timings
 from mipbake.cli.sources import Sources, over_sets, stacks_folder
-from mipbake.cli.tables import description
+from mipbake.cli.tables import describe
 from mipbake.fitting import Progress
 from mipbake.fitting import fit as fit_stack
 from mipbake.fitting.loop import MOST, check_count
@@ -45,6 +45,9 @@ _WITHOUT_END = 2**31 - 1
 
 
 _STEPS = "Steps"
+
+_PARTS = {"prefilter": 15, "views": 15, "fit": 68, "write": 2}
+"""Phases of a fit, with their parts of the time; a guess, because budgets and renderers differ."""
 
 
 @dataclass(frozen=True)
@@ -138,8 +141,8 @@ def fit(
         kept = place.with_name(place.name + ".fit")
         check_output(place, texture_set.found.hashes)
         check_checkpoint(kept)
-        with timings(session, texture_set.name) as phases:
-            session.print(*description(job, texture_set))
+        with timings(session, texture_set.name, _PARTS) as phases:
+            describe(session, job, texture_set)
             stack, *others = (
                 _start(each, texture_set, flags.pixel_filter, alone, phases) for each in flags.start or DEFAULT_STARTS
             )
@@ -157,12 +160,9 @@ def fit(
             kept.unlink(missing_ok=True)
             warned = [str(each.message) for each in found if issubclass(each.category, UserWarning)]
         said = fitted.provenance.adjustments[-1]
-        session.print(
-            f"fitted: {said}",
-            *(f"warning: {sentence}" for sentence in warned),
-            f"time: {phases.summary()}",
-            f"wrote {place}: {len(files)} files",
-        )
+        session.print(f"fitted: {said}", *(f"warning: {sentence}" for sentence in warned))
+        session.details(f"time: {phases.summary()}")
+        session.print(f"wrote {place}: {counted(len(files), 'file')}")
         return {"out": place, "files": files, "fitted": said, "warnings": warned, "seconds": dict(phases.seconds)}
 
     try:

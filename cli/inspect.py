@@ -16,7 +16,7 @@ from mipbake.cli import options
 from mipbake.cli.batch_options import CONFIG_OTHERWISE, BatchFlags, with_project
 from mipbake.cli.session import Session
 from mipbake.cli.sources import SourcesOrProject, over_sets, suggest_recursive
-from mipbake.cli.tables import description, remarks_of, table
+from mipbake.cli.tables import describe, remark, table
 from mipbake.source.jobs import Job
 from mipbake.source.layout import PROJECT
 from mipbake.source.options import LoadOptions
@@ -43,6 +43,7 @@ def inspect(
     Every map is decoded, so that damaged files are found. With a project file, options are shown in place of maps.
     Nothing is written.
     """
+    session.verbose = True  # the command has no other purpose
     config = with_project(BatchFlags(config=config), sources).config
     if config is not None:
         _show_project(session, config, sources or [])
@@ -51,7 +52,8 @@ def inspect(
         raise UsageError(f"missing argument 'SOURCE': expected one or more, or a {PROJECT} in this folder")
 
     def show(job: Job, found: TextureSet, _alone: bool) -> dict[str, Any]:
-        session.print(*description(job, found), *remarks_of(job))
+        describe(session, job, found)
+        remark(session, job)
         return vars(job.named(found.found))
 
     results = over_sets(session, sources, load, show)

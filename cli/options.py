@@ -58,9 +58,9 @@ class _Reading:
 
     maps: list[str] | None = option(
         None,
-        "Fill a role yourself; repeat for more roles. SOURCE is a file of the folder (FILE, or FILE:G for one "
-        "channel), a number from 0 to 1, or none. In a folder of several sets it is '*_FILE', where * stands for the "
-        f"name of a set. Roles: {', '.join(ROLES)}.",
+        "Say what a map is: roughness=wear.png, or a number, as in metallic=1.\n\nRepeat for more roles. SOURCE is a "
+        "file of the folder (FILE, or FILE:G for one channel), a number from 0 to 1, or none. In a folder of several "
+        f"sets it is '*_FILE', where * stands for the name of a set. Roles: {', '.join(ROLES)}.",
         name="map",
         metavar="ROLE=SOURCE",
         otherwise="by file name",
@@ -81,6 +81,7 @@ class _Command:
         otherwise="a quarter of what the machine has",
         group=COMMAND,
     )
+    verbose: bool = option(False, "Print what was found and chosen, decibels and times as well.", short="v")
     quiet: bool = option(False, "Print errors only.", short="q", group=COMMAND)
     json: bool = option(False, "Print one JSON object, and nothing else, on stdout.", group=COMMAND)
 
@@ -95,7 +96,8 @@ def _show_all(context: typer.Context, wanted: bool) -> None:
 def _common(
     context: typer.Context,
     help_all: Annotated[
-        bool, typer.Option("--help-all", callback=_show_all, is_eager=True, help="Show all options and exit.")
+        bool,
+        typer.Option("--help-all", callback=_show_all, is_eager=True, help="Show all options, with all they take."),
     ] = False,
 ) -> Session:
     del help_all
@@ -139,7 +141,7 @@ def reads_sets(
                 raise UsageError(f"--{name.replace('_', '-')} is {value}: expected a whole number of at most 18 digits")
         made = {name: make(**{key: given.pop(key) for key in of}) for name, (of, make) in reversed(parts.items())}
         flags: _Command = made.pop("flags of all")
-        made["session"].configure(flags.quiet, flags.json)
+        made["session"].configure(flags.quiet, flags.json, flags.verbose)
         most = default() if flags.memory is None else parsed(flags.memory)
         if "memory" in takes:
             made["memory"] = most

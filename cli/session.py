@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 import sys
+import textwrap
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import asdict, dataclass, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mipbake.base.errors import MipbakeError, RendererError, shortened
+from mipbake.base.progress import ProgressLine
 from mipbake.base.timings import Timings
 from mipbake.base.version import __version__
 
 if TYPE_CHECKING:
     from rich.console import Console
-    from rich.progress import Progress
 
 _PIPED_WIDTH = 10_000  # columns; nothing is cut or wrapped where no terminal is
 
@@ -33,20 +35,24 @@ class Session:
         in_files: whether the result lies in files, and what is printed only tells of it.
         kept: a file that a run leaves on purpose where it is stopped: the same command goes on from it.
         exit_code: what a command that ends normally returns.
+        verbose: whether figures and all that was found are printed.
+        line: of progress, while there is one.
         given: names of the command's parameters that the user gave.
     """
 
     debug: bool = False
     quiet: bool = False
+    verbose: bool = False
     json: bool = False
+    line: ProgressLine | None = None
     in_files: bool = False
     kept: Path | None = None
     exit_code: int = 0
     given: frozenset[str] = frozenset()
 
-    def configure(self, quiet: bool, json: bool) -> None:
+    def configure(self, quiet: bool, json: bool, verbose: bool = False) -> None:
         """Takes over the options of a command."""
-        self.quiet, self.json = quiet, json
+        self.quiet, self.json, self.verbose = quiet, json, verbose
 
     @property
     def talks(self) -> bool:
@@ -55,9 +61,22 @@ class Session:
 
     def print(self, *things: Any) -> None:
         """Prints for a person, on stdout: strings as they are, or rich's tables."""
-        if self.talks:
-            for thing in things:
-                console(sys.stdout).print(thing, soft_wrap=isinstance(thing, str))
+        if self.talks and things:
+            with self.aside():
+                for thing in things:
+                    if isinstance(thing, str):
+                        sys.stdout.write(_in_lines(thing) + "\n")
+                    else:
+                        console(sys.stdout).print(thing)
+
+    def details(self, *things: Any) -> None:
+        """`print` of what most people need not know."""
+        if self.verbose:
+            self.print(*things)
+
+    def aside(self) -> AbstractContextManager[None]:
+        """No line of progress is in the way of what the block prints."""
+        return nullcontext() if self.line is None else self.line.aside()
 
     def dump(self, content: Mapping[str, Any]) -> None:
         """Prints the JSON object of --json, which begins with the version."""
@@ -75,7 +94,8 @@ class Session:
         Lines that another program printed follow it as they are.
         """
         one_line = shortened(" ".join(message.split()))
-        sys.stderr.write("".join(f"{line}\n" for line in (f"mipbake: {one_line}", *printed)))
+        with self.aside():
+            sys.stderr.write("".join(f"{line}\n" for line in (f"mipbake: {one_line}", *printed)))
         self.exit_code = max(self.exit_code, exit_code)
         return self.exit_code
 
@@ -102,6 +122,14 @@ def failed(source: Path, error: MipbakeError) -> dict[str, Any]:
     return {"source": source, "ok": False, "exit_code": error.exit_code, "error": str(error)}
 
 
+def _in_lines(text: str) -> str:
+    """A sentence in lines that break between words where a terminal shows it; paths stay whole."""
+    columns = shutil.get_terminal_size().columns
+    if not sys.stdout.isatty() or any(len(word) > columns for word in text.split()):
+        return text
+    return textwrap.fill(text, columns, break_long_words=False, break_on_hyphens=False, replace_whitespace=False)
+
+
 def console(file: Any) -> Console:
     """A console for a stream that is open now. rich leaves out colours where no terminal is, and under NO_COLOR."""
     from rich.console import Console
@@ -125,34 +153,22 @@ def plain(value: Any) -> Any:
 
 
 @contextmanager
-def bar(session: Session, first: str, *others: Any) -> Iterator[Progress | None]:
-    """A progress bar on stderr, where stderr is a terminal and the user has not asked for quiet."""
-    if session.quiet or not sys.stderr.isatty():
-        yield None
+def progress_line(session: Session, label: str, parts: Mapping[str, float] | None = None) -> Iterator[ProgressLine]:
+    """The line of progress on stderr, unless the user has asked for quiet; see `ProgressLine`."""
+    line = ProgressLine(sys.stderr, label, parts)
+    if session.quiet:
+        yield line
         return
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (TextColumn(first), BarColumn(), *others, TimeElapsedColumn())
-    with Progress(*columns, console=console(sys.stderr), transient=True) as made:
-        yield made
+    with line:
+        session.line = line
+        try:
+            yield line
+        finally:
+            session.line = None
 
 
 @contextmanager
-def timings(session: Session, label: str) -> Iterator[Timings]:
-    """Timings with a progress bar."""
-    with bar(session, "{task.description}", "{task.percentage:>3.0f}%") as shown:
-        if shown is None:
-            yield Timings()
-            return
-        tasks: dict[str, Any] = {}
-
-        def show(phase: str, share: float) -> None:
-            if phase not in tasks:
-                tasks[phase] = shown.add_task(f"{label}: {phase}", total=1.0)
-            shown.update(tasks[phase], completed=share)
-
-        def note(text: str) -> None:
-            phase, task = next(reversed(tasks.items()))
-            shown.update(task, description=f"{label}: {phase}, {text}")
-
-        yield Timings(show, note)
+def timings(session: Session, label: str, parts: Mapping[str, float] | None = None) -> Iterator[Timings]:
+    """Timings with the line of progress, which has notes in decibels where these are wanted."""
+    with progress_line(session, label, parts) as line:
+        yield Timings(line.show, line.note if session.verbose else lambda _: None)

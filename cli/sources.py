@@ -24,9 +24,9 @@ from mipbake.source.tiles import name_without
 
 _SOURCES = typer.Argument(
     metavar="SOURCE",
-    help="Texture sets: folders with the maps of one set or of several, UDIM tiles in a folder or as a pattern "
-    "with <UDIM>, .gltf, .glb and .mtlx documents, .zip archives of all these. A glob names several sources; @FILE "
-    "names a list of paths, and @- a list on stdin.",
+    help="Folders with maps, .zip archives, .gltf, .glb or .mtlx documents.\n\nA folder holds the maps of one set or "
+    "of several, or UDIM tiles, which a pattern with <UDIM> names as well. A glob names several sources; @FILE names a "
+    "list of paths, and @- a list on stdin.",
     show_default=False,
 )
 Sources = Annotated[list[str], _SOURCES]

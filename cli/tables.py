@@ -6,7 +6,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from mipbake.cli.session import Session
 from mipbake.source.jobs import Job
+from mipbake.source.options import CARRIED
 from mipbake.source.sources import DECISIONS, Found, MapSource
 from mipbake.source.texture_set import TextureSet
 
@@ -54,29 +56,35 @@ def map_table(sources: Mapping[str, MapSource]) -> Table:
     return made
 
 
-def description(job: Job, found: TextureSet) -> list[str | Table]:
-    """What a texture set is and what was found in it, to be printed."""
-    return [
-        f"{job.source}: {found.name}, {found.width} x {found.height}",
-        map_table(found.found.maps),
-        *remarks(found.found),
-    ]
+def describe(session: Session, job: Job, found: TextureSet) -> None:
+    """Prints what a texture set is and what is doubtful about it; with --verbose, where every map comes from."""
+    about, convention = found.found, found.found.normal_convention
+    if not session.verbose:
+        session.print(f"{found.name}: {found.width} x {found.height}; {_maps(about)}")
+    else:
+        decision = DECISIONS[convention.decided_by]
+        session.print(
+            f"{job.source}: {found.name}, {found.width} x {found.height}",
+            map_table(about.maps),
+            f"normal convention: {convention.name}, {decision} (confidence {convention.confidence:.2f})",
+            *(f"note: {note}" for note in about.notes),
+            *(f"ignored: {_name(item.path)}, {item.reason}" for item in about.ignored),
+        )
+    session.print(*(f"warning: {warning}" for warning in about.warnings))
 
 
-def remarks_of(job: Job) -> list[str]:
-    """The same about what it comes from, one line each."""
-    return [*(f"note: {note}" for note in job.notes), *(f"warning: {warning}" for warning in job.warnings)]
+def remark(session: Session, job: Job) -> None:
+    """Prints the same about what sets come from."""
+    session.details(*(f"note: {note}" for note in job.notes))
+    session.print(*(f"warning: {warning}" for warning in job.warnings))
 
 
-def remarks(found: Found) -> list[str]:
-    """What was assumed, what to look at, and what was left out, one line each."""
-    convention = found.normal_convention
-    decision = DECISIONS[convention.decided_by]
-    lines = [f"normal convention: {convention.name}, {decision} (confidence {convention.confidence:.2f})"]
-    lines += [f"note: {note}" for note in found.notes]
-    lines += [f"warning: {warning}" for warning in found.warnings]
-    lines += [f"ignored: {_name(item.path)}, {item.reason}" for item in found.ignored]
-    return lines
+def _maps(found: Found) -> str:
+    """The maps of a set, and what stands for maps that it lacks."""
+    roles = {role: source for role, source in found.maps.items() if not role.startswith(CARRIED)}
+    told = [", ".join(role for role, source in roles.items() if source.path)]
+    told += [f"{role} {_values(source)}" for role, source in roles.items() if not source.path]
+    return "; ".join(told)
 
 
 def _name(path: Path | None) -> str:
@@ -84,6 +92,8 @@ def _name(path: Path | None) -> str:
 
 
 def _origin(source: MapSource) -> str:
-    if source.path:
-        return source.path.name
-    return "constant " + ", ".join(f"{v:g}" for v in source.constant or ())
+    return source.path.name if source.path else f"constant {_values(source)}"
+
+
+def _values(source: MapSource) -> str:
+    return ", ".join(f"{v:g}" for v in source.constant or ())

@@ -66,7 +66,8 @@ def validate(
         session.print(f"{name}{measured.method}, {measured.model}, pixel filter {measured.pixel_filter}")
         for pair_set in dict.fromkeys(row.pair_set for row in measured.rows):
             session.print("", snr_table(measured, pair_set))
-        session.print("", *(f"note: {note}" for note in measured.notes), f"time: {progress.summary()}")
+        session.print("", *(f"note: {note}" for note in measured.notes))
+        session.details(f"time: {progress.summary()}")
         return {"stack": place, **measured.to_dict(), "seconds": progress.seconds}
 
     results = over_sets(session, sources, load, measure)

@@ -13,7 +13,11 @@ if "PYTEST_XDIST_WORKER" in os.environ:  # each core has a process already; read
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+from mipbake.base import progress
+
 from .chromium import headless
+
+progress.EVERY = 3600.0  # what tests find on stderr does not hang on how fast the machine is
 
 
 @pytest.fixture(scope="module")

@@ -18,7 +18,10 @@ from typing import Any
 from mipbake.baking.search import checkpoint, rounds, stages
 from mipbake.baking.search.methods import Refine
 from mipbake.baking.search.texel_descent import DescentEffort
+from mipbake.base import progress
 from mipbake.quality.judging.probes import ProbeEffort
+
+progress.EVERY = 3600.0
 
 FEW = ProbeEffort(groups=2, points=4, samples=2, pictures=8, picture_samples=2)
 SOME_ROUNDS = DescentEffort(rounds=6, pairs=8, samples=2, window=16, coarse=8, looks=FEW)

@@ -9,6 +9,7 @@ import re
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
@@ -41,22 +42,54 @@ def folder(tmp_path):
 
 
 def test_bake_writes_what_it_says(folder, tmp_path, capsys):
-    assert main(["bake", str(folder), "-o", str(tmp_path / "out"), "--method", "lean", "--format", "tx,png"]) == 0
+    arguments = ["bake", str(folder), "-o", str(tmp_path / "out"), "--method", "lean", "--format", "tx,png"]
+    assert main([*arguments, "--verbose"]) == 0
     out, err = capsys.readouterr()
     assert err == ""
     for role in ("base_color", "normal", "roughness", "metallic"):
         assert role in out
     assert "constant 0" in out  # metallic is missing, and said to be assumed
-    assert "read 0." in out and "write 0." in out and str(tmp_path / "out" / "metal") in out
+    assert re.search(r"time: read \d+\.\d\d s, prefilter .* write ", out) and str(tmp_path / "out" / "metal") in out
     stack = mipbake.open_stack(tmp_path / "out" / "metal")
     assert (stack.provenance.method, stack.provenance.pixel_filter, stack.model) == ("lean", "gaussian", "gltf")
     assert set(stack.provenance.sources) == {"base_color.png", "normal.png", "roughness.png"}
 
 
+def test_a_bake_says_in_few_lines_what_it_found_and_wrote(folder, tmp_path, capsys):
+    arguments = ["--method", "lean", "--normal-convention", "opengl"]
+    assert main(["bake", str(folder), "-o", str(tmp_path / "out"), *arguments]) == 0
+    found, wrote = capsys.readouterr().out.splitlines()
+    assert found == "metal: 16 x 16; base_color, normal, roughness; metallic 0"
+    assert wrote.startswith(f"wrote {tmp_path / 'out' / 'metal'}: 5 files, 0.0 MB")
+
+
+@pytest.mark.parametrize(
+    ("visible", "changed", "said"),
+    [
+        (0.5, (), "Calmer and truer to the source at every distance. 0.0 MB. Recommended."),
+        (0.99, (), "0.0 MB. Plain MIP maps look the same on this set: --method linear --filter box writes them."),
+        (None, ("strength 0.5",), "No verdict: it was changed after it was measured (strength 0.5)."),
+    ],
+)
+def test_a_bake_ends_with_a_verdict(folder, tmp_path, capsys, monkeypatch, visible, changed, said):
+    figures = ({"sharp": 10.0}, {"sharp": 0.1}, {"sharp": "lean (box)"}, {"sharp": 10.0}, {"sharp": 0.1})
+    measured = Measured((MeasuredLevel(*figures, 0, ("neural",), 0.0),), 8, 8, visible=visible)
+    promise = None if changed else measured
+
+    def measured_so(stack, *_):
+        return replace(stack, provenance=replace(stack.provenance, method="auto", promise=promise, adjustments=changed))
+
+    monkeypatch.setattr("mipbake.baking.sets.adjusted", measured_so)
+    arguments = ["--method", "lean", "--normal-convention", "opengl"]
+    assert main(["bake", str(folder), "-o", str(tmp_path / "out"), *arguments]) == 0
+    _, verdict, wrote = capsys.readouterr().out.splitlines()
+    assert verdict.endswith(said) and wrote.startswith("wrote ")
+
+
 @pytest.mark.long
 def test_bake_says_what_was_measured(folder, tmp_path, capsys):
     arguments = ["bake", str(folder), "-o", str(tmp_path / "out"), "--method", "refine", "--budget", "0.01s"]
-    assert main(arguments) == 0
+    assert main([*arguments, "--verbose"]) == 0
     out = capsys.readouterr().out
     provenance = mipbake.open_stack(tmp_path / "out" / "metal").provenance
     promise = provenance.promise
@@ -179,16 +212,27 @@ def test_help_lists_what_the_library_has(capsys, monkeypatch):
     assert "Exit codes" in capsys.readouterr().out
 
 
-def test_help_shows_ten_options_and_all_of_them_when_wanted(capsys):
+def test_the_first_help_fits_on_a_screen(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    assert main(["bake", "--help"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) <= 50 and max(map(len, lines)) <= 80
+    text = " ".join(" ".join(lines).split())
+    assert text.count(" mipbake bake ") == 3 + 1 and "--strength 0..1" in text and "--keep-level0" in text
+    assert all(name in text for name in (*PRESETS, *FORMATS)) and "Exit codes" not in text
+
+
+def test_help_shows_few_options_and_all_of_them_when_wanted(capsys):
     shown = []
     for flag in ("--help", "--help-all"):
         assert main(["bake", flag]) == 0
         text = capsys.readouterr().out.partition("Options:")[2].partition("Exit codes")[0]
         shown.append(re.findall(r"^  (?:-\w, )?--([\w-]+)", text, re.MULTILINE))
     few, every = shown
-    assert few == every[: len(few)] and few[10:] == ["help-all", "help"]
+    assert few == every[: len(few)] and few[11:] == ["verbose", "help-all", "help"]
     named = {each.name for of in (mipbake.BakeOptions, LoadOptions, BatchFlags) for each in options_of(of).values()}
-    assert set(every) == named | {"map", "wrap-u", "wrap-v", "memory", "quiet", "json", "out", "help", "help-all"}
+    others = {"map", "wrap-u", "wrap-v", "memory", "verbose", "quiet", "json", "out", "help", "help-all"}
+    assert set(every) == named | others
 
 
 def test_version(capsys):
@@ -224,7 +268,7 @@ def test_a_bake_says_how_it_compares_with_closed_forms_and_plain_maps() -> None:
     for aim, gain, visible, notes in (
         (0.5, -1.0, None, ["--aim 0 asks"]),
         (0.5, 1.0, 0.7, []),
-        (0.0, -1.0, 0.99, ["look the same"]),
+        (0.0, -1.0, 0.99, []),
     ):
         figures = ({"sharp": 10.0 + gain}, {"sharp": 0.1}, {"sharp": "lean (box)"}, {"sharp": 10.0}, {"sharp": 0.1})
         found = Measured((MeasuredLevel(*figures, 0, ("neural",), 0.0),), 8, 8, visible=visible)

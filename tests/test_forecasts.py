@@ -10,9 +10,9 @@ import pytest
 
 from mipbake.baking.search import forecast
 from mipbake.baking.search.forecast import FEWEST, Forecast, cost_of_round
-from mipbake.baking.search.long_run import time_text
 from mipbake.baking.search.methods import REFINING
 from mipbake.baking.search.regions import timed_regions
+from mipbake.base.messages import time_text
 from mipbake.quality.reference.problem import Problem
 
 PROBLEM = Problem(np.zeros((2048, 1024, 8), np.float32), "gltf", "gltf", "gaussian", ("wrap", "wrap"))

@@ -233,11 +233,14 @@ def test_the_command_line_says_what_it_chose_and_warns(tmp_path) -> None:
         wood_normal_gl=encoded(NORMALS[:size, :size]),
         wood_roughness=grey(1, size),
     )
-    code, said = run("bake", folder, "-o", tmp_path / "out", "--method", "linear", "--preset", "unreal")
+    arguments = ["bake", folder, "-o", tmp_path / "out", "--method", "linear", "--preset", "Unreal"]
+    code, said = run(*arguments, "--verbose")
     assert code == 0
     assert "preset unreal for Unreal Engine: target gltf, dds:rgba8, packing orm, normals directx" in said
+    code, said = run(*arguments)
+    assert code == 0 and "target gltf" not in said
     assert "warning: Unreal Engine needs sides that are powers of two, this set is 12 x 12: resize its maps" in said
-    assert "in the engine: keep Mip Gen Settings at Leave Existing Mips" in said
+    assert "in Unreal Engine: keep Mip Gen Settings at Leave Existing Mips" in said
 
 
 def test_options_go_before_a_preset(tmp_path) -> None:

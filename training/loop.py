@@ -8,6 +8,7 @@ import dataclasses
 import io
 import os
 import subprocess
+import sys
 import time
 import zipfile
 from collections.abc import Callable, Iterator
@@ -24,6 +25,7 @@ from mipbake.base.checkpoints import alone_with
 from mipbake.base.device import checked_device
 from mipbake.base.errors import InputError, UsageError
 from mipbake.base.messages import one_line
+from mipbake.base.progress import ProgressLine
 from mipbake.base.publish import replaced_file, writing
 from mipbake.models.base import Network
 from mipbake.training.base import Batch
@@ -317,20 +319,23 @@ def _trained(
         validate()  # the untrained network makes averages of parameters, or of moments with its first guess
     run, started, first = config.run, time.perf_counter(), state.step
     recent: list[Tensor] = []
-    for batch in coming:
-        recent.append(state.advance(batch, among))
-        step, done = state.step, state.step == run.steps
-        if step % run.log_every == 0 or done:
-            loss = float(torch.stack(recent).mean())
-            recent.clear()
-            pace = (time.perf_counter() - started) / (step - first)
-            logs.write("log", step, {"loss": loss, "learning rate": config.optimiser.rate(step - 1), "ms": pace * 1e3})
-            left = (run.steps - step) * pace / 60
-            say(f"step {step:7d}  loss {loss:.4f}  {pace * 1e3:.1f} ms/step  {left:.0f} min left")
-        if step % run.validate_every == 0 or done:
-            validate()
-        if step % run.checkpoint_every == 0 or done:
-            state.save(out / LAST)
+    with ProgressLine(sys.stderr, out.name) as line:
+        for batch in coming:
+            recent.append(state.advance(batch, among))
+            step, done = state.step, state.step == run.steps
+            if step % run.log_every == 0 or done:
+                loss = float(torch.stack(recent).mean())
+                recent.clear()
+                pace = (time.perf_counter() - started) / (step - first)
+                rate = config.optimiser.rate(step - 1)
+                logs.write("log", step, {"loss": loss, "learning rate": rate, "ms": pace * 1e3})
+                line.show("training", step / run.steps, (run.steps - step) * pace)
+                line.note(f"step {step}, loss {loss:.4f}")
+            if step % run.validate_every == 0 or done:
+                with line.aside():
+                    validate()
+            if step % run.checkpoint_every == 0 or done:
+                state.save(out / LAST)
     logs.close()
 
 

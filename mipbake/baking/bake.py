@@ -77,13 +77,16 @@ class Recipe:
 
     method: str = option(
         DEFAULT_METHOD,
-        "; ".join(f"{name}: {method.summary}" for name, method in METHODS.items()) + ".",
+        "auto tries blends and keeps the best one; linear averages, as other tools do; there are more.\n\n"
+        + "; ".join(f"{name}: {method.summary}" for name, method in METHODS.items())
+        + ".",
         metavar=one_of(METHODS),
     )
     target: str | None = option(
         None,
         f"Material model of the stack; {AUTO_TARGET} means gltf-anisotropic for sets with an anisotropy map, and gltf "
         "for others.",
+        group=_METHOD,
         metavar=one_of(TARGETS),
         otherwise=f"as the preset chooses, else {AUTO_TARGET}",
     )
@@ -96,8 +99,8 @@ class Recipe:
     )
     preset: str | None = option(
         None,
-        "Engine that loads the stack. Its preset chooses target, sampler, formats, packing, normals and names unless "
-        "you do; see `mipbake presets`.",
+        f"Engine that loads the files: {', '.join(PRESETS)}.\n\nIts preset chooses target, sampler, formats, packing, "
+        "normals and names unless you do; see `mipbake presets`.",
         metavar=one_of(PRESETS),
     )
     weights: str | None = option(
@@ -109,10 +112,11 @@ class Recipe:
     )
     budget: str | None = option(
         None,
-        f"Time that {some_of('budget')} may spend on optimising: a number of seconds, minutes or hours, or {BEST}, "
-        "which goes on until nothing improves. Ctrl-C ends it sooner, with the best so far, but not in a batch.",
+        f"Time to optimise single texels as well.\n\nWhat {some_of('budget')} may spend on that: a number of seconds, "
+        f"minutes or hours, or {BEST}, which goes on until nothing improves. Ctrl-C ends it sooner, with the best so "
+        "far, but not in a batch.",
         metavar=f"30s|2m|1h|{BEST}",
-        otherwise="the default of the method",
+        otherwise="none, or that of the method",
     )
     sampler: Sampler | str | None = option(
         None,

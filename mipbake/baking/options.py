@@ -14,7 +14,7 @@ from mipbake.source.options import NORMAL_CONVENTIONS
 from mipbake.source.texture_set import source_model
 from mipbake.stack.containers import DEFAULT_FORMAT, FORMATS
 from mipbake.stack.costs import LIMIT
-from mipbake.stack.output import GLB, GLB_TEXELS, Output, check_outputs
+from mipbake.stack.output import BLOCK, GLB, GLB_TEXELS, Output, check_outputs
 from mipbake.stack.packing import PACKINGS, SEPARATE, SOURCE
 from mipbake.stack.presets import Preset, preset_named, wanted_outputs
 from mipbake.stack.sidecars import FORMAT, SIDECARS, check_sidecar
@@ -35,10 +35,12 @@ class BakeOptions(Recipe):
 
     format: str | None = option(
         None,
-        f"{_FORMATS}; {GLB}: the glTF source with KTX 2 textures in place of its own, or a square that shows the "
-        f"material (texels {', '.join(GLB_TEXELS)}; with rgba8, textures are not compressed; the "
+        f"Files that are written: {', '.join((*FORMATS, GLB))}; with :TEXELS for how precise they are, as in "
+        f"dds:rgba8.\n\n{_FORMATS}; {GLB}: the glTF source with KTX 2 textures in place of its own, or a square that "
+        f"shows the material (texels {', '.join(GLB_TEXELS)}; with rgba8, textures are not compressed; the "
         "glTF standard does not allow these, but three.js and Babylon.js load them). The first texels named are the "
-        f"default. Without texels, ktx2 and dds take the smallest that cost at most {LIMIT:g} dB.",
+        f"default; files of ktx2 and dds whose sides are no multiples of {BLOCK} are rgba8. A warning says where files "
+        f"cost more than {LIMIT:g} dB, and which texels cost less.",
         metavar="FORMAT[:TEXELS],...",
         otherwise=f"{GLB} for glTF sources, {DEFAULT_FORMAT} for others",
     )
@@ -63,15 +65,10 @@ class BakeOptions(Recipe):
         metavar="LEVEL",
         otherwise="down to 1 x 1",
     )
-    keep_level0: bool = option(
-        False, "Keep the level 0 of the source, which the pixel filter has not changed.", group=_LOOK
-    )
     strength: float = option(
-        1.0,
-        "1 writes what was baked, 0 writes plain averages, and a number between them mixes both.",
-        group=_LOOK,
-        metavar="0..1",
+        1.0, "1 is the full bake, 0 plain MIP maps, and a number between them a mixture.", metavar="0..1"
     )
+    keep_level0: bool = option(False, "Leave the full resolution as it came; only smaller levels change.")
     min_roughness: float = option(
         0.0, "The least perceptual roughness that a texel may have.", group=_LOOK, metavar="0..1"
     )

@@ -20,11 +20,11 @@ def shortened(message: str) -> str:
         index = max(range(len(words)), key=lambda at: len(words[at]))
         if len(words[index]) <= _WORD:
             break
-        words[index] = _without_middle(words[index], max(_WORD, len(words[index]) - excess))
-    return _without_middle(" ".join(words), LONGEST)
+        words[index] = without_middle(words[index], max(_WORD, len(words[index]) - excess))
+    return without_middle(" ".join(words), LONGEST)
 
 
-def _without_middle(text: str, most: int) -> str:
+def without_middle(text: str, most: int) -> str:
     end = (most - len(_GAP)) // 2
     return text if len(text) <= most else text[: most - len(_GAP) - end] + _GAP + text[-end:]
 

@@ -23,3 +23,9 @@ def told_by(geterror: Callable[[], str]) -> str:
         return one_line(geterror())
     except UnicodeDecodeError as error:
         return one_line(error.object.decode("utf-8", "backslashreplace"))
+
+
+def time_text(seconds: float) -> str:
+    """A time for people, in two digits: `45 s`, `12 min`, `1.5 h`, `14 h`."""
+    hours, minutes, whole = (float(f"{max(seconds, 0.0) / size:.2g}") for size in (3600, 60, 1))
+    return f"{hours:g} h" if hours >= 1 else f"{minutes:g} min" if minutes >= 1 else f"{whole:g} s"

@@ -12,7 +12,7 @@ class Timings:
     """Progress of a piece of work, and how long each of its phases took: the time since the one before ended.
 
     Args:
-        show: told the phase at work and its finished share. note: told how good the result is by now.
+        show: takes the phase at work and its finished share. note: takes how good the result is by now.
         seconds: phase to its time.
     """
 

@@ -82,7 +82,7 @@ class LoadOptions:
         None,
         "Whether green points up (opengl) or down (directx).",
         metavar=one_of(NORMAL_CONVENTIONS),
-        otherwise="by file name, else by the curl of the normals",
+        otherwise="by name, else by the pixels",
     )
     roughness_is_gloss: bool | None = option(
         None,

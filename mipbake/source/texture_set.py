@@ -287,8 +287,8 @@ def _decided(convention: NormalConvention, label: str, vectors: Vectors, flat: b
         log.notes.append(f"{label}: {spoken(name)} by the curl of its slopes (confidence {confidence:.2f})")
         return NormalConvention(name, "pixels", confidence)
     log.warnings.append(
-        f"{label}: neither its name nor the curl of its slopes (confidence {confidence:.2f}, {DECIDED_CONFIDENCE} "
-        "needed) tells OpenGL from DirectX; OpenGL is assumed, set the normal convention if that is wrong"
+        f"{label}: neither its name nor its slopes (confidence {confidence:.2f}, {DECIDED_CONFIDENCE} needed) tell "
+        "OpenGL from DirectX; OpenGL is assumed: where dents look like bumps, --normal-convention directx is right"
     )
     return NormalConvention("opengl", "assumed", confidence)
 

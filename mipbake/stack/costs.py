@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from mipbake.stack.containers import FORMATS, Container, format_named
 from mipbake.stack.output import GLB, GLB_TEXELS
 from mipbake.stack.presets import Preset
-from mipbake.stack.written import SPOKEN, Written
+from mipbake.stack.written import Written
 
 LIMIT = 0.5
 """dB of the shaded result's SNR that files may cost before a warning says so, and what prevents it."""
@@ -109,9 +109,8 @@ class Cost:
             better, advice = format_named(self.format).finer, "where the engine takes it, use --format "
         if better is None:
             return None
-        where = SPOKEN[max(self.loss, key=self.loss.__getitem__)]
         advice = preset.no_finer if preset and preset.no_finer else f"{advice}{better}{self._bytes(better)}"
-        return f"{self.format} costs {self.worst:.1f} dB ({where}) of the shaded result's SNR: {advice}"
+        return f"files of {self.format} lose visibly: {advice}"
 
     def _bytes(self, better: str) -> str:
         """What that takes of a graphics card's memory in place of what this takes."""

@@ -6,10 +6,10 @@ import math
 import time
 from collections.abc import Callable, Sequence
 
-from mipbake.baking.search.long_run import time_text
 from mipbake.baking.search.pixel_samples import samples_at
 from mipbake.baking.search.regions import TimedRegion
 from mipbake.baking.search.texel_descent import DescentEffort, pixels_of_round, renders_of_pixel
+from mipbake.base.messages import time_text
 from mipbake.quality.reference.problem import Problem
 
 FEWEST = 3

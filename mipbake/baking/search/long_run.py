@@ -38,12 +38,6 @@ NOT_KEPT = LongRun()
 """The run of a search that is neither stopped nor kept."""
 
 
-def time_text(seconds: float) -> str:
-    """A time for people, in two digits: `45 s`, `12 min`, `1.5 h`, `14 h`."""
-    hours, minutes, whole = (float(f"{max(seconds, 0.0) / size:.2g}") for size in (3600, 60, 1))
-    return f"{hours:g} h" if hours >= 1 else f"{minutes:g} min" if minutes >= 1 else f"{whole:g} s"
-
-
 BEST = "best"
 """The budget without a limit: until pairs that nothing is fitted to stop improving."""
 

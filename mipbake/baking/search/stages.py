@@ -16,10 +16,11 @@ from mipbake.baking.search.blending import Blend, between, confirmed
 from mipbake.baking.search.checkpoint import Checkpoint, Windows, start_of
 from mipbake.baking.search.forecast import FEWEST, Forecast
 from mipbake.baking.search.ingredients import Bench, Ingredient
-from mipbake.baking.search.long_run import NOT_KEPT, LongRun, time_text
+from mipbake.baking.search.long_run import NOT_KEPT, LongRun
 from mipbake.baking.search.regions import timed_regions, window
 from mipbake.baking.search.texel_descent import Descent, DescentEffort, descend
 from mipbake.base import memory
+from mipbake.base.messages import time_text
 from mipbake.material import directions
 from mipbake.quality.judging.judge import Baseline, Judge
 from mipbake.quality.judging.pairs import SET_SIZE
