@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
@@ -38,6 +39,10 @@ from mipbake.library.results import Progress
 from mipbake.library.run import Choose
 from mipbake.source.layout import PROJECT
 from mipbake.source.options import LoadOptions
+from mipbake.stack.verdict import verdict
+
+_OUTCOMES = {"gains": "better", "same": "the same", "mixed": "better and worse", "loses": "worse"}
+"""Outcome of a verdict, as few words as possible for how a stack looks beside plain MIP maps."""
 
 EXIT_CHECK = 5
 """Exit code of --check where something would be baked."""
@@ -228,8 +233,11 @@ class _Printer(BatchListener):
         """See BatchListener."""
         for each in result.results:
             self.session.print(_line(each, result, progress))
-            for defect in each.defects if isinstance(each, BakedSet) else ():
-                self.session.fail(f"{result.entry.label}: {defect}", DEFECT)
+            if isinstance(each, BakedSet):
+                wrote = f"wrote {each.out}: {counted(len(each.files), 'file')}"
+                self.session.details(*(f"warning: {line}" for line in each.warnings), wrote)
+                for defect in each.defects:
+                    self.session.fail(f"{result.entry.label}: {defect}", DEFECT)
         self.log.write(result)
         self.line.show("baking", progress.done / progress.count, progress.seconds_left)
         self.line.note(f"{progress.done} of {progress.count} done")
@@ -245,14 +253,24 @@ def _line(each: Result, result: EntryResult, progress: Progress) -> str:
     if not isinstance(each, (BakedSet, BakedDocument)):
         return f"{at} {result.entry.label}: unchanged"
     warned = f", {counted(len(each.warnings), 'warning')}" if isinstance(each, BakedSet) and each.warnings else ""
-    size = f"wrote {each.out}, {counted(len(each.files), 'file')}, {each.bytes / 1e6:.2f} MB"
+    said = f"{_OUTCOMES[_outcome(each)]}, " if _outcome(each) else ""
+    size = f"{each.bytes / 1e6:.1f} MB"
     if not each.files:  # it lies in the file of its document, whose line follows
         size = f"baked the material {each.out.name}"
-    return f"{at} {result.entry.label}: {size} in {result.seconds:.1f} s{warned}"
+    return f"{at} {result.entry.label}: {said}{size} in {result.seconds:.1f} s{warned}"
+
+
+def _outcome(each: Result) -> str:
+    """The outcome of the verdict on a set; "" where it has none."""
+    promise = each.provenance.promise if isinstance(each, BakedSet) else None
+    return "" if promise is None else verdict(promise).outcome
 
 
 def _summary_line(summary: Summary) -> str:
     documents = f" and {counted(summary.documents, 'document')}" if summary.documents else ""
     planned = f"{summary.planned} would be baked, " if summary.planned else ""
     baked = f"{counted(summary.baked, 'set')}{documents} baked, "
-    return f"{planned or baked}{summary.unchanged} unchanged, {len(summary.failures)} failed"
+    found = Counter(_outcome(each) for entry in summary.entries for each in entry.results)
+    verdicts = ", ".join(f"{found[outcome]} {words}" for outcome, words in _OUTCOMES.items() if found[outcome])
+    beside = f"; beside plain MIP maps: {verdicts}" if verdicts else ""
+    return f"{planned or baked}{summary.unchanged} unchanged, {len(summary.failures)} failed{beside}"

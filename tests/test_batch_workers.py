@@ -146,7 +146,7 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert main([*base, "--json-log", str(log)]) == 3
     told = capsys.readouterr()
     assert "found 3 sources, baking with 1 process" in told.out
-    assert told.out.count(": wrote ") == 2 and "broken: failed" in told.out
+    assert told.out.count(" MB in ") == 2 and "broken: failed" in told.out
     assert "2 sets baked, 0 unchanged, 1 failed" in told.out
     assert told.err.count("\n") == 1 and told.err.startswith("mipbake: broken: ")
     lines = [json.loads(line) for line in log.read_text().splitlines()]

@@ -47,7 +47,7 @@ def run(folder: Path, tmp_path: Path, quick_comparison: None) -> Run:
 
 
 def test_a_report(run: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    results = run(*FEW, "--fail-if", "snr near-mirror lod=0 < -90")
+    results = run(*FEW, "--verbose", "--fail-if", "snr near-mirror lod=0 < -90")
     printed = capsys.readouterr().out
     out = tmp_path / "report"
     assert printed.startswith(f"wrote {out / 'index.html'}: a first page")
@@ -70,7 +70,7 @@ def test_a_report(run: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
 def test_films_are_made_unless_they_are_not_wanted(run: Run, capsys: pytest.CaptureFixture[str]) -> None:
     given = [*FEW, "--motion", "light", "--sampler", "accumulated, anisotropic 4x", "--lod-bias", "-1"]
     conditions = ["--fail-if", "flip film-wall > 1", "--fail-if", "sparkle film-floor over best > 1"]
-    results = run(*given, *conditions, quick=FILMS)
+    results = run(*given, *conditions, "--verbose", quick=FILMS)
     printed = capsys.readouterr().out
     assert "\nIn films, as " in printed and "floor" in printed and "sphere" in printed and "films, " in printed
     views = ["film-floor", "film-low-floor", "film-wall", "film-sphere"]
