@@ -57,18 +57,19 @@ class Command(typer.core.TyperCommand):
         whole, self.help = self.help, _text(ctx, self.help)
         super().format_help_text(ctx, formatter)
         self.help = whole
-        if self.name in EXAMPLES:
+        if examples := EXAMPLES.get(self.name or ""):
             with formatter.section("Examples"):
-                formatter.write("".join(f"{'':{formatter.current_indent}}{each}\n" for each in EXAMPLES[self.name]))
+                formatter.write("".join(f"{'':{formatter.current_indent}}{each}\n" for each in examples))
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Writes the options into the help text."""
         groups: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
+        each: Any
         for each in self.get_params(ctx):
             group = "Arguments" if each.param_type_name == "argument" else getattr(each, "rich_help_panel", None)
             if group in (None, "Arguments") or SHOWS_ALL in ctx.meta:
                 short = _text(ctx, each.help)
-                if "\n\n" in each.help and SHOWS_ALL not in ctx.meta and len(each.metavar or "") > _LONG:
+                if "\n\n" in (each.help or "") and SHOWS_ALL not in ctx.meta and len(each.metavar or "") > _LONG:
                     each.metavar = each.name.upper()
                 each.help = short
                 flags, text = each.get_help_record(ctx) or ("", "")

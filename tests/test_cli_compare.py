@@ -157,7 +157,7 @@ def test_a_mesh_and_a_light_of_the_users(run: Run, tmp_path: Path) -> None:
         (["--seed", "-1"], 2, "-1"),
         (["--mesh", "none.obj"], 3, "none.obj"),
         (["--mesh", "bare.obj"], 3, "texture coordinates"),
-        (["--motion", "hands"], 2, "no motion is called 'hands': expected camera or light"),
+        (["--motion", "hands"], 2, "unknown motion 'hands': expected one of camera, light"),
         (["--motion", "light"], 2, "has no films, and motion is for films"),
         (["--sampler", "stochastic", "--lod-bias", "-1"], 2, "takes no MIP bias"),
         (["--films", "--fail-if", "flip film-mesh > 1"], 2, "film-floor, film-low-floor, film-wall"),

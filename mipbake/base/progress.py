@@ -59,7 +59,8 @@ class ProgressLine:
     def __init__(self, stream: TextIO, label: str = "", parts: Mapping[str, float] | None = None) -> None:
         self._stream, self._label, self._parts = stream, label, parts or {}
         self._terminal = stream.isatty()
-        self._phase, self._share, self._note, self._left = "", 0.0, "", None
+        self._phase, self._share, self._note = "", 0.0, ""
+        self._left: float | None = None
         self._drawn, self._began = 0, time.monotonic()
         self._lock, self._ended = RLock(), Event()
         self._thread = Thread(target=self._draw_often, daemon=True)
