@@ -16,6 +16,7 @@ SHOWS_ALL = "help-all"
 
 SUMMARIES: Mapping[str, str] = {
     "bake": "Bake texture sets into MIP stacks.",
+    "preview": "See a texture set in the browser, baked and not, beside the truth.",
     "compare": "Compare methods on texture sets, and write a report for the browser.",
     "fit": "Fit stacks in a renderer of your own, which need not be differentiable.",
     "validate": "Measure stacks against their sources: SNR in dB, higher is better.",

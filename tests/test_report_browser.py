@@ -1,8 +1,7 @@
-"""The page of a comparison in headless Chromium: dividers, films, tables and curves, on paper, without scripts."""
+"""The page of a comparison in headless Chromium: films, tables and curves, on paper, without scripts."""
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from mipbake.comparing.page import write_report
 
@@ -55,99 +53,31 @@ def opened(browser: Any, report: Path) -> Iterator[Any]:
         yield open_page
 
 
-def shown(value: float) -> int:
-    """The byte that a display is sent for a radiance."""
-    x = value / (1 + value)
-    return round(255 * (1.055 * x ** (1 / 2.4) - 0.055))
+def unfold(page: Any) -> None:
+    page.evaluate("() => document.querySelectorAll('main details').forEach((part) => { part.open = true; })")
 
 
-def colours(page: Any, selector: str, *places: tuple[float, float]) -> list[int]:
-    """Red at places of an element, each a share of its width and height."""
-    picture = np.asarray(Image.open(io.BytesIO(page.locator(selector).first.screenshot())).convert("RGB"))
-    height, width = picture.shape[:2]
-    return [int(picture[int(y * height), int(x * width), 0]) for x, y in places]
-
-
-STAGE = "#pictures .scene .stage"
-NEURAL, LINEAR, REFERENCE = shown(0.1), shown(0.2), shown(1.0)
-
-
-def test_a_divider_parts_the_two_chosen_pictures(opened: Any) -> None:
-    page = opened()
-    section, divider = page.locator("#pictures"), page.locator("#pictures .divider").first
-    assert colours(page, STAGE, (0.3, 0.5), (0.7, 0.5)) == [LINEAR, NEURAL]  # the subject to the right
-    section.get_by_label("Left, A").select_option("reference")
-    assert colours(page, STAGE, (0.3, 0.5), (0.7, 0.5)) == [REFERENCE, NEURAL]
-    box = page.locator(STAGE).first.bounding_box()
-    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 4)
-    page.mouse.down()
-    page.mouse.move(box["x"] + 0.8 * box["width"], box["y"] + box["height"] / 4)
-    page.mouse.up()
-    assert colours(page, STAGE, (0.7, 0.5), (0.9, 0.5)) == [REFERENCE, NEURAL]
-    assert divider.get_attribute("aria-valuenow") == "80"
-    strip = section.locator(".scene").first.locator(".strip > figure")
-    strip.filter(has_text="optimum").locator(".render").click()
-    strip.filter(has_text="lean (box)").locator(".render").click(modifiers=["Shift"])
-    assert section.get_by_label("Left, A").input_value() == "optimum"
-    assert section.get_by_label("Right, B").input_value() == "lean (box)"
-    assert colours(page, STAGE, (0.7, 0.5), (0.9, 0.5)) == [shown(0.7), shown(0.4)]
-    assert strip.filter(has_text="optimum").get_attribute("data-at") == "A"
-    assert (divider.get_attribute("role"), divider.get_attribute("tabindex")) == ("slider", "0")
-    assert "Sphere, near" in str(divider.get_attribute("aria-label"))
-    for key, at in (("End", 100), ("ArrowLeft", 98), ("PageDown", 88), ("ArrowUp", 90), ("Home", 0)):
-        divider.press(key)
-        assert divider.get_attribute("aria-valuenow") == str(at)
-        assert f"{at} %" in str(divider.get_attribute("aria-valuetext"))
-    # By keys alone: Tab leads from the last field to the first divider.
-    section.get_by_label("Zoom").focus()
-    page.keyboard.press("Tab")
-    assert page.evaluate("() => document.activeElement === document.querySelector('#pictures .divider')")
-
-
-def test_flip_maps_figures_zoom_and_pan(opened: Any) -> None:
-    page = opened()
-    section = page.locator("#pictures")
-    scene = section.locator(".scene").first
-    assert scene.locator(".measured th[scope=col]").all_inner_texts() == ["linear (box)", "neural"]
-    rows = dict(row.split("\t", 1) for row in scene.locator(".measured tbody").inner_text().splitlines())
-    assert rows["FLIP"].split() == ["0.132", "0.120"] and "SSIM" in rows
-    section.locator(".bar select[name=show]").select_option("flip")
-    sources, maps = page.evaluate(
-        "() => [[...document.querySelectorAll('#pictures .side img')].slice(0, 2).map((image) => image.src), "
-        "['linear (box)', 'neural'].map((name) => "
-        'document.querySelector(`#pictures [data-method="${name}"] .flip`).src)]'
-    )
-    assert sources == maps
-    section.get_by_label("Left, A").select_option("reference")
-    assert "no FLIP map" in scene.locator(".tag.left").inner_text()
-    transform = "() => document.querySelector('#pictures .side.a img').style.transform"
-    section.get_by_label("Zoom").select_option("4")
-    before = page.evaluate(transform)
-    assert "scale(4)" in before
-    stage = page.locator(STAGE).first
-    assert stage.get_attribute("tabindex") == "0" and "enlarged" in str(stage.get_attribute("aria-label"))
-    stage.press("ArrowRight")
-    after = page.evaluate(transform)
-    assert after != before
-    box = stage.bounding_box()
-    page.mouse.move(box["x"] + 0.2 * box["width"], box["y"] + 0.6 * box["height"])
-    page.mouse.down()
-    page.mouse.move(box["x"] + 0.3 * box["width"], box["y"] + 0.6 * box["height"])
-    page.mouse.up()
-    assert page.evaluate(transform) != after
-    for _ in range(40):
-        stage.press("ArrowLeft")
-    assert page.evaluate(transform).startswith("translate(0px")  # not past the edge
+@pytest.mark.parametrize("size", [DESKTOP, {"width": 390, "height": 800}])
+def test_the_view_and_the_verdict_are_seen_at_once_and_few_words(opened: Any, size: dict[str, int]) -> None:
+    page = opened(size)
+    view, verdict = page.locator("#view").bounding_box(), page.locator("#verdict").bounding_box()
+    assert view["y"] + view["height"] <= size["height"] and verdict["y"] < size["height"]
+    stage = page.locator(".mv-stage").bounding_box()
+    assert stage["width"] > 0.94 * size["width"] and stage["height"] > 0.45 * size["height"]
+    shown = page.locator("body").inner_text()
+    assert len(shown.split()) < 1500
+    assert not {"dB", "SNR", "FLIP", "lod"} & set(page.locator("#films, #table, #view").all_inner_texts())
 
 
 @pytest.mark.parametrize(("size", "ratio"), [(PHONE, 3), (DESKTOP, 1)])
 def test_a_pixel_covers_whole_pixels_of_the_screen(opened: Any, ratio: int, size: dict[str, int]) -> None:
     page = opened(size, device_scale_factor=ratio)
-    for width, natural, crisp in page.evaluate(
-        "() => [...document.querySelectorAll('#pictures .stage')].map((stage) => [stage.getBoundingClientRect().width, "
-        "stage.querySelector('img').naturalWidth, stage.classList.contains('crisp')])"
+    unfold(page)
+    for width, natural in page.evaluate(
+        "() => [...document.querySelectorAll('#pictures .strip img, .films canvas')].map((picture) => "
+        "[picture.getBoundingClientRect().width, picture.naturalWidth ?? picture.width])"
     ):
-        assert crisp and (width * ratio / natural) == pytest.approx(round(width * ratio / natural), abs=1e-3)
+        assert width * ratio / natural == pytest.approx(ratio, abs=1e-3)
 
 
 def test_a_phone_in_the_dark_shows_it_without_scrolling_sideways(opened: Any) -> None:
@@ -158,18 +88,13 @@ def test_a_phone_in_the_dark_shows_it_without_scrolling_sideways(opened: Any) ->
         ".map((c) => c.match(/[0-9]+/g).slice(0, 3).reduce((sum, x) => sum + Number(x), 0))"
     )
     assert ink > ground + 400
+    unfold(page)
     # The names at the ends of the curves lie within the drawing.
     assert page.evaluate(
         "() => [...document.querySelectorAll('.label.on')].every((label) => label.getBoundingClientRect().right <= "
         "label.ownerSVGElement.getBoundingClientRect().right)"
     )
-    page.locator("main details summary").first.click()
     assert page.evaluate("() => document.documentElement.scrollWidth") == 390
-    stage = page.locator(STAGE).first
-    stage.scroll_into_view_if_needed()
-    box = stage.bounding_box()
-    page.touchscreen.tap(box["x"] + 10, box["y"] + 10)  # a tap scrolls and moves nothing
-    assert page.locator("#pictures .divider").first.get_attribute("aria-valuenow") == "50"
 
 
 def test_fields_are_named_and_tab_stops_at_what_scrolls_only(opened: Any) -> None:
@@ -178,20 +103,19 @@ def test_fields_are_named_and_tab_stops_at_what_scrolls_only(opened: Any) -> Non
         "() => [...document.querySelectorAll('main select, main input, main button')].filter((field) => "
         "!(field.labels?.length || field.textContent.trim() || field.getAttribute('aria-label'))).length"
     ) == 0  # fmt: skip
-    page.evaluate("() => document.querySelectorAll('main details').forEach((part) => { part.open = true; })")
-    page.wait_for_function("() => document.querySelector('.strip:not([tabindex])')")
-    wrong = page.evaluate(
-        "() => [...document.querySelectorAll('.scroll, .strip')].filter((part) => "
-        "!part.closest('details:not([open])') && "
-        "part.hasAttribute('tabindex') !== part.scrollWidth > part.clientWidth + 1).length"
+    unfold(page)
+    page.wait_for_function(
+        "() => [...document.querySelectorAll('.scroll, .strip[role]')].every((part) => "
+        "part.hasAttribute('tabindex') === part.scrollWidth > part.clientWidth + 1)"
     )
-    assert wrong == 0 and page.locator(".strip[tabindex='0']").count() > 3
+    assert page.locator(".strip[tabindex='0']").count() >= 3
     names = page.evaluate("() => document.querySelector('.mipbake-viewer').viewer.choices.map((choice) => choice.name)")
-    assert names == ["before: linear (box)", "after: neural"]
+    assert names == ["plain MIP maps", "mipbake"]
 
 
 def test_curves_stand_out_and_are_read_by_a_pointer(opened: Any) -> None:
     page = opened()
+    unfold(page)
     line = page.locator(".panel .line[data-method='lean (box)']").first
     label = page.locator(".panel .label[data-method='lean (box)']").first
     assert not label.is_visible() and "on" not in str(line.get_attribute("class")).split()
@@ -213,7 +137,7 @@ def test_curves_stand_out_and_are_read_by_a_pointer(opened: Any) -> None:
 
 def test_columns_sort_best_first_then_worst_then_as_they_were(opened: Any) -> None:
     page = opened()
-    page.locator("#figures summary").click()
+    page.locator("#details > summary").click()
     table = page.locator("#figures table.figures").first
     names = lambda: table.locator("tbody th").all_inner_texts()  # noqa: E731
     assert names() == list(NAMES)
@@ -229,17 +153,15 @@ def test_columns_sort_best_first_then_worst_then_as_they_were(opened: Any) -> No
     assert names() == list(NAMES) and table.locator("th[aria-sort]").count() == 0
 
 
-def test_paper_shows_both_pictures_side_by_side(opened: Any) -> None:
+def test_paper_shows_what_is_folded_away(opened: Any) -> None:
     page = opened()
-    page.locator("#pictures").get_by_label("Zoom").select_option("4")
     page.emulate_media(media="print")
     page.evaluate("() => dispatchEvent(new Event('beforeprint'))")
-    assert not page.locator(".divider").first.is_visible() and not page.locator(".bar").first.is_visible()
-    assert colours(page, STAGE, (0.25, 0.5), (0.75, 0.5)) == [LINEAR, NEURAL]
-    folded = "() => document.querySelectorAll('main details:not([open], .mv-keys)').length"
+    assert not page.locator(".clock").is_visible() and page.locator("#pictures img").first.is_visible()
+    folded = "() => document.querySelectorAll('main details:not([open])').length"
     assert page.evaluate(folded) == 0
     page.evaluate("() => dispatchEvent(new Event('afterprint'))")
-    assert page.evaluate(folded) >= 3
+    assert page.evaluate(folded) >= 1
 
 
 def test_a_first_page_becomes_the_whole_one_and_keeps_what_was_chosen(browser: Any, tmp_path: Path) -> None:
@@ -251,30 +173,29 @@ def test_a_first_page_becomes_the_whole_one_and_keeps_what_was_chosen(browser: A
     viewer = "document.querySelector('.mipbake-viewer').viewer"
     assert page.locator("#begun").is_visible() and page.locator("#figures").count() == 0
     assert page.evaluate(f"() => {viewer}.choices.map((choice) => choice.name)") == [
-        "before: linear (box)", "after: neural", "truth",
+        "plain MIP maps", "mipbake", "truth",
     ]  # fmt: skip
-    page.evaluate(f"() => {viewer}.set({{ shape: 'sphere', divider: 0.25 }})")
+    page.evaluate(f"() => {viewer}.set({{ shape: 'sphere', dividers: [0.25, 0.5] }})")
     write_report(made, source, tmp_path / "r")
     page.wait_for_selector("#figures", state="attached")
     page.wait_for_function(f"() => {viewer}")
-    assert page.evaluate(f"() => [{viewer}.view.shape, {viewer}.view.divider]") == ["sphere", 0.25]
+    assert page.evaluate(f"() => [{viewer}.view.shape, {viewer}.view.dividers]") == ["sphere", [0.25, 0.5]]
     assert page.locator("#begun").count() == 0
     context.close()
 
 
 def test_without_scripts_everything_is_there(opened: Any) -> None:
     page = opened(java_script_enabled=False)
-    pictures = page.locator("#pictures .strip img.render")
-    assert pictures.count() == 5 * (len(NAMES) + 1) and pictures.first.is_visible()
-    assert page.locator("#pictures .strip img.flip").count() == 5 * len(NAMES)
-    assert page.locator(".panel .line").count() == 2 * len(NAMES)
-    page.locator("#figures summary").click()
-    assert page.locator("#figures table.figures").first.is_visible()
-    assert not page.locator(".bar").first.is_visible() and not page.get_by_role("checkbox").count()
-    frames = page.locator(".film .frame")
-    assert frames.count() == 2 * (1 + len(FILMED))
+    frames = page.locator("#films .frame")
+    assert frames.count() == 2 * 3 and frames.first.is_visible()
     box = frames.first.bounding_box()
     assert box["width"] / box["height"] == pytest.approx(36 / 24, rel=0.02)
+    assert page.locator("table.seen").is_visible() and not page.locator(".clock").is_visible()
+    page.locator("#details > summary").click()
+    pictures = page.locator("#pictures .strip img")
+    assert pictures.count() == 5 * (2 * len(NAMES) + 1) and pictures.first.is_visible()
+    assert page.locator(".panel .line").count() == 2 * len(NAMES)
+    assert page.locator("#figures table.figures").first.is_visible() and not page.get_by_role("checkbox").count()
 
 
 # ---- films
@@ -287,7 +208,7 @@ GREYS = """(selector) => [...document.querySelectorAll(selector)].map((canvas) =
 })"""
 
 
-def greys(page: Any, selector: str = ".film canvas") -> list[int]:
+def greys(page: Any, selector: str = "#films canvas") -> list[int]:
     """The grey of every canvas."""
     known = np.array([film_grey(index, frame) for index in range(-1, len(FILMED)) for frame in range(FRAMES)])
     found = np.array(page.evaluate(GREYS, selector))
@@ -297,14 +218,14 @@ def greys(page: Any, selector: str = ".film canvas") -> list[int]:
 
 
 def at(frame: int) -> list[int]:
-    """What both films show at a frame: A, B, then the strip: the reference and all methods."""
-    return 2 * [film_grey(index, frame) for index in (1, 0, -1, 0, 1, 2)]
+    """What both films show at a frame: plain MIP maps, the subject, the truth."""
+    return 2 * [film_grey(index, frame) for index in (1, 0, -1)]
 
 
 def filming(opened: Any, motion: str = "reduce") -> Any:
     """A page whose films are all to be seen, and loaded."""
-    page = opened({"width": 1280, "height": 2400}, motion)
-    page.wait_for_function(f"() => ({GREYS})('.film canvas').every((grey) => grey > 0)")
+    page = opened({"width": 1280, "height": 4000}, motion)
+    page.wait_for_function(f"() => ({GREYS})('#films canvas').every((grey) => grey > 0)")
     return page
 
 
@@ -317,16 +238,13 @@ def test_buttons_and_keys_show_single_frames_forwards_and_backwards(opened: Any)
         told.append(page.locator(".clock output").inner_text())
         assert greys(page) == at(int(told[-1].split()[1]) - 1)
     assert told == [f"frame {number} of 4" for number in (2, 3, 4, 3, 2)]
-    page.locator(".film .divider").first.focus()
+    page.get_by_role("button", name="The frame before").focus()
     for key, frame in ((".", 0), (",", 1), (",", 2), (",", 3), (",", 2)):
         page.keyboard.press(key)
         assert greys(page) == at(frame)
-    films = page.locator("#films")
-    films.locator(".strip > figure").filter(has_text="lean (gaussian)").first.click()
-    assert films.get_by_label("Left, A").input_value() == "lean (gaussian)"
-    assert page.locator("#pictures").get_by_label("Left, A").input_value() == "linear (box)"
-    assert greys(page, ".film .side canvas") == 2 * [film_grey(2, 2), film_grey(0, 2)]
-    assert "9.25 JOD" in films.locator(".measured").first.inner_text()
+    unfold(page)
+    page.wait_for_function(f"() => ({GREYS})('#others canvas').every((grey) => grey > 0)")
+    assert greys(page, "#others canvas") == 2 * [film_grey(2, 2)]  # all other methods, in step with these
 
 
 def test_the_space_bar_runs_all_films_in_step_and_stops_them(opened: Any) -> None:
@@ -334,8 +252,8 @@ def test_the_space_bar_runs_all_films_in_step_and_stops_them(opened: Any) -> Non
     assert page.get_by_role("button", name="Stop").is_visible()  # films run from the start
     frames = [at(frame) for frame in range(FRAMES)]
     assert all(greys(page) in frames for _ in range(5))
-    page.wait_for_function(f"() => (window.kept ??= new Set()).add(({GREYS})('.film canvas')[0]).size === {FRAMES}")
-    page.locator(".film .divider").first.focus()
+    page.wait_for_function(f"() => (window.kept ??= new Set()).add(({GREYS})('#films canvas')[0]).size === {FRAMES}")
+    page.locator("#films").focus()
     page.keyboard.press(" ")
     assert page.get_by_role("button", name="Play").is_visible()
     stopped = greys(page)

@@ -24,7 +24,16 @@ from .viewer_scenes import PROVENANCE, material, stack_of
 pytestmark = pytest.mark.independent
 
 FIELD_OF_VIEW = math.radians(40)
-VIEW = {"shape": "plane", "mode": "one", "lights": 0, "lightAzimuth": 20, "lightHeight": 15, "azimuth": 33, "pixels": 4}
+VIEW = {
+    "shape": "plane",
+    "sides": [0],
+    "tiling": 1,
+    "lights": 0,
+    "lightAzimuth": 20,
+    "lightHeight": 15,
+    "azimuth": 33,
+    "pixels": 4,
+}
 
 
 class Shot(NamedTuple):
@@ -52,17 +61,16 @@ def changed(page: Any, **view: Any) -> None:
     page.evaluate("view => document.querySelector('.mipbake-viewer').viewer.set(view)", view)
 
 
-def shot(page: Any, side: int = 0, **view: Any) -> Shot:
+def shot(page: Any, **view: Any) -> Shot:
     changed(page, **view)
     (width, height), data = page.evaluate(
-        """side => {
+        """() => {
             const { renderer } = document.querySelector('.mipbake-viewer').viewer;
-            const bytes = new Uint8Array(renderer.read(side).buffer);
+            const bytes = new Uint8Array(renderer.read(0).buffer);
             let text = '';
             for (let i = 0; i < bytes.length; i += 8192) text += String.fromCharCode(...bytes.subarray(i, i + 8192));
             return [renderer.size, btoa(text)];
-        }""",
-        side,
+        }"""
     )
     values = np.frombuffer(base64.b64decode(data), np.float32).reshape(height, width, 4)
     return Shot(values[..., :3].astype(np.float64), values[..., 3] > 0.5)
@@ -153,7 +161,7 @@ def test_level_colours_are_exact_at_every_level_of_detail(open_page: Any, size: 
         level[..., 4], level[..., 7] = 0.5, 1
         levels.append(level)
     page = open_page({"a": MipStack("a", "gltf", levels, {}, ("wrap", "wrap"), PROVENANCE)}, half=half)
-    down = {"shape": "plane", "mode": "one", "show": 1, "azimuth": 0, "elevation": 90, "distance": 4, "pixels": 4}
+    down = {"shape": "plane", "sides": [0], "show": 1, "azimuth": 0, "elevation": 90, "distance": 4, "pixels": 4}
     rows = len(shot(page, **down).radiance)
     for index, level in enumerate(levels):
         # Seen straight down, a pixel is this large, so that this many repeats give the level of detail `index`.
@@ -194,8 +202,8 @@ def test_the_reference_is_the_pixel_filtered_source(open_page: Any) -> None:
     source, rng = material("gltf"), np.random.default_rng(2)
     stack = stack_of(source, "gltf")
     page = open_page({"a": stack}, source=FilteredSource(source, "gltf", ("wrap", "wrap"), "mitchell"), half=True)
-    view = {**VIEW, "mode": "split", "lights": 1, "elevation": 50, "distance": 8.0, "tiling": 1.5, "pixels": 8}
-    image = shot(page, 1, **view)  # with one stack, B is the reference
+    view = {**VIEW, "sides": [1], "lights": 1, "elevation": 50, "distance": 8.0, "tiling": 1.5, "pixels": 8}
+    image = shot(page, **view)
     size = image.covered.shape
     centre = plane_seen(size, view, 4 / 3)
     expected, kernel, samples = np.zeros((*size, 3)), filter_named("mitchell"), 600
@@ -216,7 +224,7 @@ def test_the_reference_is_the_pixel_filtered_source(open_page: Any) -> None:
     once, _ = candidate(stack, size, view)
     assert decibels(image.radiance[both], expected) > 30  # both are estimates
     assert decibels(once[both], expected) < 25
-    assert "SNR of a in this view" in page.inner_text(".mv-status")
+    assert "the source as it should look, the mean of 512 samples" in page.inner_text(".mv-status")
 
 
 @pytest.mark.parametrize("shape", ["plane", "sphere", "ball"])
@@ -233,13 +241,13 @@ def test_equal_stacks_do_not_differ_and_frames_are_right_handed(open_page: Any, 
     pose = {"azimuth": 0, "elevation": 0 if shape != "plane" else 40, "lights": 1, "lightHeight": 70, "lightAzimuth": 0}
     if shape == "plane":  # here up in the picture points away from the viewer
         pose |= {"lightAzimuth": 180, "lightHeight": 40}
-    up = shot(page, 0, shape=shape, mode="split", a=0, b=1, distance=5, pixels=2, **pose)
-    down = shot(page, 1, b=2)
+    up = shot(page, shape=shape, sides=[0], distance=5, pixels=2, **pose)
+    down = shot(page, sides=[2])
     rows, columns = up.covered.shape
     middle = np.s_[rows // 2 - 1 : rows // 2 + 1, columns // 2 - 3 : columns // 2 + 3]
     assert up.covered[middle].all()
     assert (up.radiance[middle] > 1.2 * down.radiance[middle]).all()
-    changed(page, b=1, mode="difference")
+    changed(page, sides=[0, 1], differ=True, dividers=[0.9])
     colours = page.evaluate(
         """() => {
             const canvas = document.querySelector('.mipbake-viewer canvas'), { width, height } = canvas;
@@ -257,16 +265,17 @@ def state(page: Any) -> Any:
     return page.evaluate("() => document.querySelector('.mipbake-viewer').viewer.view")
 
 
-def test_mouse_keys_and_fields_move_the_view(open_page: Any) -> None:
+def test_mouse_keys_and_buttons_move_the_view(open_page: Any) -> None:
     stack = stack_of(material("gltf", 16, 16), "gltf")
     page = open_page(
         {"one": stack, "two": stack}, source=FilteredSource(stack.levels[0], "gltf", ("wrap", "wrap"), "gaussian")
     )
     canvas, before = page.locator("canvas"), state(page)
-    assert (before["a"], before["b"], before["mode"]) == (0, 1, "split")
+    assert (before["sides"], before["away"]) == ([0, 1, 2], "middle")
+    assert page.locator(".mv-name").all_inner_texts() == ["one", "two", "truth"]
     page.locator(".mv-more summary").click()
     box = canvas.bounding_box()
-    x, y = box["x"] + box["width"] / 4, box["y"] + box["height"] / 2
+    x, y = box["x"] + box["width"] / 6, box["y"] + box["height"] / 3
     page.mouse.move(x, y)
     page.mouse.wheel(0, 200)  # not clicked yet: the page scrolls
     assert state(page)["distance"] == before["distance"]
@@ -278,37 +287,54 @@ def test_mouse_keys_and_fields_move_the_view(open_page: Any) -> None:
     after = state(page)
     assert after["azimuth"] == pytest.approx(before["azimuth"] - 20) and after["elevation"] > before["elevation"]
     page.mouse.wheel(0, 200)
-    assert state(page)["distance"] > after["distance"]
-    handle = page.locator(".mv-divider").bounding_box()
+    assert state(page)["distance"] > after["distance"] and state(page)["away"] == ""
+    handle = page.locator(".mv-divider").first.bounding_box()
     page.mouse.move(handle["x"] + 22, y)
     page.mouse.down()
     page.mouse.move(box["x"] + 0.75 * box["width"], y)
     page.mouse.up()
-    assert state(page)["divider"] == pytest.approx(0.75, abs=0.01)
-    page.locator(".mv-divider").press("ArrowLeft")
-    assert state(page)["divider"] == pytest.approx(0.73, abs=0.01)
+    assert state(page)["dividers"] == pytest.approx([0.75, 0.75], abs=0.01)  # it takes the other one along
+    page.locator(".mv-divider").first.press("ArrowLeft")
+    assert state(page)["dividers"] == pytest.approx([0.73, 0.75], abs=0.01)
     for key, field, value in (
         ("3", "shape", "ball"),
-        ("d", "mode", "difference"),
-        ("r", "b", 2),
-        ("r", "b", 1),
-        (" ", "turning", True),
+        ("d", "differ", True),
+        ("f", "away", "far"),
+        (" ", "cameraMoves", True),
     ):
         canvas.press(key)
         assert state(page)[field] == value
     canvas.press(" ")
-    page.get_by_label("Shape").select_option("sphere")
+    page.get_by_role("button", name="Sphere").click()
     page.get_by_label("Exposure").fill("1.5")
     assert state(page)["shape"] == "sphere" and state(page)["exposure"] == 1.5
+    page.get_by_role("button", name="two").click()
+    assert (
+        state(page)["sides"] == [0, 2]
+        and page.get_by_role("button", name="two").get_attribute("aria-pressed") == "false"
+    )
     page.get_by_text("Reset the view").click()
     assert state(page)["distance"] == 3.4
 
 
-def test_turning_moves_on_and_gathers_nothing(open_page: Any) -> None:
+@pytest.mark.parametrize("wrap", ["wrap", "clamp"])
+def test_near_middle_and_far_are_levels_of_detail(open_page: Any, wrap: str) -> None:
+    page = open_page({"a": stack_of(material("gltf", 64, 64), "gltf", (wrap, wrap))})
+    found = {}
+    for away in ("near", "middle", "far"):
+        image = shot(page, away=away, show=5, sides=[0])
+        middle = tuple(length // 2 for length in image.covered.shape)
+        found[away] = 6 * image.radiance[middle][0]  # of six levels
+    assert found["middle"] == pytest.approx(1.8, abs=0.1) and found["far"] == pytest.approx(4, abs=0.1)
+    assert found["near"] < 0.1
+
+
+def test_what_moves_goes_on_and_gathers_nothing(open_page: Any) -> None:
     stack = stack_of(material("gltf", 16, 16), "gltf")
     page = open_page({"one": stack}, source=FilteredSource(stack.levels[0], "gltf", ("wrap", "wrap"), "gaussian"))
-    page.evaluate("() => { document.querySelector('.mipbake-viewer').viewer.change({ turning: true, pixels: 8 }); }")
-    page.wait_for_function("() => document.querySelector('.mipbake-viewer').viewer.view.azimuth > 0.5", timeout=20000)
+    viewer = "document.querySelector('.mipbake-viewer').viewer"
+    page.evaluate(f"() => {{ {viewer}.change({{ cameraMoves: true, lampMoves: true, pixels: 8 }}); }}")
+    page.wait_for_function(f"() => {viewer}.view.azimuth > 0.5 && {viewer}.view.lightAzimuth > 0.5", timeout=20000)
     assert "its grain is noise, not shimmer" in page.inner_text(".mv-status")
 
 

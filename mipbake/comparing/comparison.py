@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from mipbake.baking.bake import Recipe
+from mipbake.baking.neural import Neural
 from mipbake.base.errors import UsageError
 from mipbake.base.extras import check_extra
 from mipbake.base.timings import Timings
@@ -207,10 +208,45 @@ def compare(
             found = _compared(texture_set, candidates, empty, settings, views, films, clock, named)
     return dataclasses.replace(
         found,
-        notes=(*notes, *made_for_others(found.methods, settings.sampler), *found.notes),
-        warnings=(*warnings, *found.warnings),
+        notes=(*notes, *found.notes),
+        warnings=(*warnings, *made_for_others(found.methods, settings.sampler), *found.warnings),
         seconds=clock.seconds,
     )
+
+
+def preview(
+    texture_set: TextureSet,
+    method: str = Neural.name,
+    recipe: Recipe | None = None,
+    progress: Callable[[str, float], None] = lambda _phase, _share: None,
+) -> Comparison:
+    """The stacks of a method and of plain MIP maps, of which nothing is measured: for the view of a page alone.
+
+    Args:
+        texture_set: the source.
+        method: label or name of a method (`mipbake.comparing.candidates.chosen`).
+        recipe: what is baked, except for its method; None for the defaults.
+        progress: called with phase and share as the work goes on.
+
+    Raises:
+        UsageError: unknown names, or a method that does not have the model or the pixel filter.
+    """
+    recipe = recipe or Recipe()
+    model, kernel = recipe.model(texture_set), filter_named(recipe.pixel_filter).name
+    forms = chosen([method], kernel)
+    wanted = [next((name for name, form in forms.items() if form[1] == kernel), next(iter(forms))), LINEAR]
+    with bake_all(texture_set, dataclasses.replace(recipe, target=model), wanted, progress) as baked:
+        return Comparison(
+            name=texture_set.name,
+            subject=baked[0].name,
+            model=model,
+            pixel_filter=kernel,
+            methods=tuple(each.method for each in baked),
+            curve=(),
+            figures=(),
+            stacks={each.name: _stack(texture_set, each) for each in baked},
+            warnings=texture_set.warnings,
+        )
 
 
 def _compared(
@@ -262,8 +298,8 @@ def _compared(
         films=tuple(filmed),
         # Of the changes only the nearest view's, where shimmer is the worst.
         plots=(turning, *changes[:1], lobe),
-        notes=(*found.notes, *([f"{missing}."] if missing else [])),
-        warnings=not_converged([each.scene for each in rendered], [each.scene for each in filmed]),
+        notes=(*found.notes, *not_converged([each.scene for each in rendered], [each.scene for each in filmed])),
+        warnings=(f"{missing}.",) if missing else (),
     )
 
 

@@ -152,8 +152,8 @@ class Comparison:
         stacks: of the subject and `linear (box)`, by method name.
         source: what was read of the set, as `mipbake inspect --json` says it.
         texture_set: what was compared, which the interactive view of a page shows.
-        notes: what a reader must know, in sentences.
-        warnings: what is wrong, in sentences: a stack of another set, a reference that did not converge.
+        notes: what figures leave out, in sentences: limits of models, a reference that did not converge.
+        warnings: what a reader can do something about, in sentences: a stack of another set, a judge that is missing.
         foreign: whether the opened stack was baked from another texture set, which is one of the warnings.
         settings: seed, resolution and so on.
         seconds: by phase.

@@ -1,8 +1,6 @@
-// What scripts add to the page: the divider and the zoom, films that loop in step, curves that can be picked out and read
-// off, tables that sort.
+// What scripts add to the page: films that loop in step, curves that can be picked out and read off, tables that sort.
 
 const all = (selector, root = document) => [...root.querySelectorAll(selector)];
-const clamp = (x, low, high) => Math.min(Math.max(x, low), high);
 
 function make(tag, attributes = {}, ...children) {
     const made = document.createElement(tag);
@@ -11,278 +9,111 @@ function make(tag, attributes = {}, ...children) {
     return made;
 }
 
-// ---- pictures: A left of a divider, B right of it, in every scene
+// ---- pixels of pictures cover whole pixels of the screen: uneven ones would look like the errors that this page is about
 
-class Scene {
-    constructor(root, choice) {
-        Object.assign(this, { root, choice, at: 50, x: 0.5, y: 0.5 });
-        this.cells = new Map(all('.strip > figure', root).map((cell) => [cell.dataset.method, cell]));
-        this.sides = ['a', 'b'].map((side) => make('div', { class: `side ${side}` }, this.pane()));
-        this.tags = ['left', 'right'].map((place) => make('span', { class: `tag ${place}` }));
-        this.divider = make('div', {
-            class: 'divider', role: 'slider', tabindex: 0, 'aria-orientation': 'horizontal', 'aria-valuemin': 0, 'aria-valuemax': 100,
-            'aria-label': `Divider between A and B: ${root.dataset.title}`,
-        });
-        this.stage = make('div', { class: 'stage' }, ...this.sides, ...this.tags, this.divider);
-        this.measured = make('table', { class: 'measured' });
-        this.holder = root.querySelector('.compare');
-        this.holder.append(this.stage, this.measured);
-        this.holder.hidden = false;
-        this.listen();
-        new ResizeObserver(() => this.fit()).observe(this.holder);
-    }
-
-    // What a side of the divider holds.
-    pane() {
-        return new Image();
-    }
-
-    // What a side shows of a picture of the strip.
-    show(side, source) {
-        const image = this.sides[side].firstChild;
-        if (image.src !== source.src) Object.assign(image, { src: source.src, alt: source.alt });
-    }
-
-    // Width and height in pixels of the picture.
-    size() {
-        const reference = this.cells.get(this.choice.reference).querySelector('.render');
-        return [Number(reference.getAttribute('width')), Number(reference.getAttribute('height'))];
-    }
-
-    // Whole device pixels for each of the picture's: uneven ones would look like the errors that this page is about.
-    fit() {
-        const [width, height] = this.size();
-        const ratio = devicePixelRatio || 1, room = this.holder.clientWidth;
-        const factor = Math.floor(room * ratio / width + 1e-6);
-        const exact = factor >= 1 && factor * width > 0.75 * room * ratio;  // else a smooth picture beats a small one
-        this.width = exact ? factor * width / ratio : room;
-        this.height = this.width * height / width;
-        this.stage.style.width = `${this.width}px`;
-        this.stage.style.height = `${this.height}px`;
-        this.stage.classList.toggle('crisp', exact || room * ratio * this.choice.zoom > 5 * width);
-        this.move();
-    }
-
-    update() {
-        const flip = this.choice.show === 'flip', names = [this.choice.a, this.choice.b];
-        const figures = names.map((name) => JSON.parse(this.cells.get(name)?.dataset.figures ?? '{}'));
-        names.forEach((name, side) => {
-            const cell = this.cells.get(name);
-            const source = cell?.querySelector(flip ? '.flip' : '.render');
-            this.sides[side].hidden = !source;
-            if (source) this.show(side, source);
-            this.tags[side].textContent = source ? name : `${name}: ${flip ? 'no FLIP map' : 'not rendered'}`;
-        });
-        for (const [name, cell] of this.cells) {
-            const places = ['A', 'B'].filter((_, side) => names[side] === name).join(' ');
-            if (places) cell.dataset.at = places; else delete cell.dataset.at;
-        }
-        const measures = [...new Set(figures.flatMap(Object.keys))];
-        this.measured.replaceChildren(
-            make('thead', {}, make('tr', {}, make('td'), ...names.map((name) => make('th', { scope: 'col' }, name)))),
-            make('tbody', {}, ...measures.map((measure) => make('tr', {}, make('th', { scope: 'row' }, measure),
-                ...figures.map((found) => make('td', {}, found[measure] ?? '–'))))));
-        this.measured.hidden = !measures.length;
-        const zoomed = this.choice.zoom > 1;
-        this.stage.classList.toggle('zoomed', zoomed);
-        if (zoomed) {
-            const label = `${this.root.dataset.title}, enlarged: arrow keys move the picture`;
-            Object.entries({ tabindex: 0, role: 'group', 'aria-label': label }).forEach(([k, v]) => this.stage.setAttribute(k, v));
-        } else ['tabindex', 'role', 'aria-label'].forEach((name) => this.stage.removeAttribute(name));
-        this.fit();
-    }
-
-    move() {
-        const zoom = this.choice.zoom, half = 0.5 / zoom;
-        this.x = clamp(this.x, half, 1 - half);
-        this.y = clamp(this.y, half, 1 - half);
-        const ratio = devicePixelRatio || 1, whole = (x) => Math.round(x * ratio) / ratio;
-        const [left, top] = [whole(this.width * (0.5 - this.x * zoom)), whole(this.height * (0.5 - this.y * zoom))];
-        for (const side of this.sides) side.firstChild.style.transform = `translate(${left}px, ${top}px) scale(${zoom})`;
-        this.stage.style.setProperty('--divider', `${this.at}%`);
-        this.divider.setAttribute('aria-valuenow', Math.round(this.at));
-        this.divider.setAttribute('aria-valuetext', `${Math.round(this.at)} %, ${this.choice.a} to the left, ${this.choice.b} to the right`);
-    }
-
-    divide(at) {
-        this.at = clamp(at, 0, 100);
-        this.move();
-    }
-
-    listen() {
-        let dragged = null;
-        const place = (event) => 100 * (event.clientX - this.stage.getBoundingClientRect().left) / this.width;
-        this.stage.addEventListener('pointerdown', (event) => {
-            if (event.button) return;
-            dragged = this.choice.zoom > 1 && event.target !== this.divider ? event : 'divider';
-            this.stage.setPointerCapture(event.pointerId);
-            if (dragged === 'divider' && event.pointerType === 'mouse') this.divide(place(event));
-        });
-        this.stage.addEventListener('pointermove', (event) => {
-            if (dragged === 'divider') this.divide(place(event));
-            else if (dragged) {
-                this.x -= (event.clientX - dragged.clientX) / (this.width * this.choice.zoom);
-                this.y -= (event.clientY - dragged.clientY) / (this.height * this.choice.zoom);
-                dragged = event;
-                this.move();
-            }
-        });
-        for (const end of ['pointerup', 'pointercancel']) this.stage.addEventListener(end, () => { dragged = null; });
-        this.divider.addEventListener('keydown', (event) => {
-            const step = { ArrowLeft: -2, ArrowDown: -2, ArrowRight: 2, ArrowUp: 2, PageDown: -10, PageUp: 10, Home: -100, End: 100 }[event.key];
-            if (!step || event.ctrlKey || event.altKey || event.metaKey) return;
-            event.preventDefault();
-            event.stopPropagation();
-            this.divide(this.at + step);
-        });
-        this.stage.addEventListener('keydown', (event) => {
-            const step = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
-            if (!step || event.target !== this.stage || event.ctrlKey || event.altKey || event.metaKey) return;
-            event.preventDefault();
-            this.x += 0.1 * step[0] / this.choice.zoom;
-            this.y += 0.1 * step[1] / this.choice.zoom;
-            this.move();
-        });
-        for (const [name, cell] of this.cells) {
-            cell.addEventListener('click', (event) => this.choice.pick(event.shiftKey ? 'b' : 'a', name));
-        }
-    }
+function fit() {
+    const ratio = devicePixelRatio || 1;
+    document.documentElement.style.setProperty('--pixel', Math.max(Math.floor(ratio), 1) / ratio);
+    for (const film of films) film.fit(ratio);
 }
 
 // ---- films: frames below each other in one picture for each method, drawn on canvases from one clock
 
-class Film extends Scene {
-    constructor(root, choice) {
-        super(root, choice);
-        this.frames = Number(root.dataset.frames);
-        this.seen = true;
-        new IntersectionObserver(([entry]) => { this.seen = entry.isIntersecting; this.draw(); }).observe(root);
-        for (const cell of this.cells.values()) {
-            const sheet = cell.querySelector('.render');
-            sheet.after(this.canvas());
+class Film {
+    constructor(root, clock) {
+        Object.assign(this, { root, clock, frames: Number(root.dataset.frames), seen: true });
+        this.sheets = all('.sheet', root).map((sheet) => {
+            const width = Number(sheet.getAttribute('width')), height = Number(sheet.getAttribute('height')) / this.frames;
+            const canvas = make('canvas', { width, height, role: 'img', 'aria-label': sheet.alt });
+            sheet.after(canvas);
             sheet.hidden = true;
             sheet.decode().then(() => this.draw());
-        }
+            return { sheet, canvas };
+        });
+        new IntersectionObserver(([entry]) => { this.seen = entry.isIntersecting; this.draw(); }).observe(root);
     }
 
-    size() {
-        const sheet = this.cells.get(this.choice.reference).querySelector('.render');
-        return [Number(sheet.getAttribute('width')), Number(sheet.getAttribute('height')) / Number(this.root.dataset.frames)];
-    }
-
-    canvas() {
-        const sheet = this.root.querySelector('.render');
-        const height = Number(sheet.getAttribute('height')) / Number(this.root.dataset.frames);
-        return make('canvas', { width: sheet.getAttribute('width'), height, role: 'img' });
-    }
-
-    pane() {
-        return this.canvas();
-    }
-
-    show(side, source) {
-        const canvas = this.sides[side].firstChild;
-        canvas.setAttribute('aria-label', source.alt);
-        canvas.sheet = source;
-        this.paint(canvas, source);
-    }
-
-    draw() {
-        if (!this.seen) return;
-        for (const { firstChild: canvas } of this.sides) if (canvas.sheet) this.paint(canvas, canvas.sheet);
-        for (const cell of this.cells.values()) this.paint(cell.querySelector('canvas'), cell.querySelector('.render'));
-    }
-
-    paint(canvas, sheet) {
-        if (!canvas || !sheet.complete) return;
-        canvas.setAttribute('aria-label', sheet.alt);
-        const { width, height } = canvas;
-        canvas.getContext('2d').drawImage(sheet, 0, this.frame() * height, width, height, 0, 0, width, height);
+    // As many films beside each other as are wanted; no larger than their pixels warrant.
+    fit(ratio) {
+        const { width } = this.sheets[0]?.canvas ?? {}, strip = this.root.querySelector('.strip');
+        if (!width || this.root.closest('.others')) return;
+        const beside = innerWidth < 600 ? 2 : this.sheets.length, room = Math.floor((strip.clientWidth - 4 - 8 * (beside - 1)) / beside);
+        const factor = Math.min(Math.floor(room * ratio / width), Math.max(Math.floor(ratio), 1));
+        strip.style.setProperty('--width', `${factor ? factor * width / ratio : room}px`);
+        strip.classList.toggle('smooth', !factor);
     }
 
     // Forwards and then backwards: a jump from the last frame to the first would hide what shimmers.
     frame() {
-        const period = Math.max(2 * (this.frames - 1), 1), at = ((this.choice.tick % period) + period) % period || 0;
+        const period = Math.max(2 * (this.frames - 1), 1), at = ((this.clock.now % period) + period) % period || 0;
         return Math.min(at, period - at);
+    }
+
+    draw() {
+        if (!this.seen) return;
+        for (const { sheet, canvas } of this.sheets) {
+            const { width, height } = canvas;
+            if (sheet.complete) canvas.getContext('2d').drawImage(sheet, 0, this.frame() * height, width, height, 0, 0, width, height);
+        }
     }
 }
 
 // Counts frames, for all films at once. It stands still at first where a reader wants less motion.
 class Clock {
-    constructor(section, films, choice) {
-        Object.assign(this, { films, choice, since: null });
-        this.fps = Number(films[0].root.dataset.fps);
-        this.buttons = new Map(all('[data-do]', section).map((button) => [button.dataset.do, button]));
-        this.output = section.querySelector('.clock output');
+    constructor() {
+        Object.assign(this, { now: 0, since: null, films: all('.film').map((root) => new Film(root, this)) });
+        const bar = document.querySelector('.clock');
+        if (!bar) return;
+        this.fps = Number(this.films[0].root.dataset.fps);
+        this.output = bar.querySelector('output');
+        this.buttons = new Map(all('[data-do]', bar).map((button) => [button.dataset.do, button]));
         this.buttons.get('play').addEventListener('click', () => this.run(!this.running));
         this.buttons.get('back').addEventListener('click', () => this.step(-1));
         this.buttons.get('on').addEventListener('click', () => this.step(1));
-        section.tabIndex = -1;  // what is clicked takes the keys
-        section.addEventListener('keydown', (event) => {
-            if (event.ctrlKey || event.altKey || event.metaKey || event.target.closest('select, input')) return;
-            if (event.key === ' ' && !event.target.closest('button, a')) this.run(!this.running);
-            else if (event.key === ',' || event.key === '.') this.step(event.key === ',' ? -1 : 1);
-            else return;
-            event.preventDefault();
-        });
+        for (const section of new Set(this.films.map(({ root }) => root.closest('section')))) {
+            section.tabIndex = -1;  // what is clicked takes the keys
+            section.addEventListener('keydown', (event) => {
+                if (event.ctrlKey || event.altKey || event.metaKey) return;
+                if (event.key === ' ' && !event.target.closest('button, a')) this.run(!this.running);
+                else if (event.key === ',' || event.key === '.') this.step(event.key === ',' ? -1 : 1);
+                else return;
+                event.preventDefault();
+            });
+        }
         this.run(!matchMedia('(prefers-reduced-motion: reduce)').matches);
-        this.tell();
     }
 
     run(running) {
         this.running = running;
         this.since = null;
         this.buttons.get('play').textContent = running ? 'Stop' : 'Play';
+        // While films run, a number that changes all the time would only distract.
+        this.output.textContent = running ? '' : `frame ${this.films[0].frame() + 1} of ${this.films[0].frames}`;
         if (running) requestAnimationFrame((now) => this.tick(now));
-        else this.tell();
     }
 
     tick(now) {
         if (!this.running) return;
-        this.since ??= now - (this.choice.tick * 1000) / this.fps;
+        this.since ??= now - (this.now * 1000) / this.fps;
         const tick = Math.floor(((now - this.since) * this.fps) / 1000);
-        if (tick !== this.choice.tick) this.go(tick);
+        if (tick !== this.now) this.go(tick);
         requestAnimationFrame((later) => this.tick(later));
     }
 
     step(by) {
+        this.go(this.now + by);
         this.run(false);
-        this.go(this.choice.tick + by);
-        this.tell();
     }
 
     go(tick) {
-        this.choice.tick = tick;
+        this.now = tick;
         this.films.forEach((film) => film.draw());
-    }
-
-    // While films run, a number that changes all the time would only distract.
-    tell() {
-        this.output.textContent = this.running ? '' : `frame ${this.films[0].frame() + 1} of ${this.films[0].frames}`;
     }
 }
 
-all('.bar').forEach((bar) => {
-    const { a, b, reference } = JSON.parse(bar.dataset.settings), section = bar.closest('section');
-    const choice = { a, b, reference, show: 'render', zoom: 1, tick: 0 };
-    const films = all('.scene.film', section).map((root) => new Film(root, choice));
-    const scenes = [...films, ...all('.scene:not(.film)', section).map((root) => new Scene(root, choice))];
-    const update = () => scenes.forEach((scene) => scene.update());
-    const selects = new Map(all('select', bar).map((select) => [select.name, select]));
-    choice.pick = (side, name) => {
-        choice[side] = name;
-        selects.get(side).value = name;
-        update();
-    };
-    for (const [key, select] of selects) {
-        select.addEventListener('change', () => {
-            choice[key] = key === 'zoom' ? Number(select.value) : select.value;
-            update();
-        });
-    }
-    update();
-    if (films.length) new Clock(section, films, choice);
-});
+const { films } = new Clock();
+fit();
+addEventListener('resize', fit);
 
 // ---- curves
 

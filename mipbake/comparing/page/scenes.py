@@ -1,13 +1,11 @@
-"""Films, renders and the paper's plots: every method's picture beside the reference.
+"""Films, renders and the paper's plots.
 
-Each picture lies in the page once, in a strip that scrolls sideways. The script builds the view with the divider from
-the strips, so a reader without scripts and a printer have all pictures too. A film is one picture for each method, its
-frames below each other, which the script draws on canvases from one clock; without scripts the first frame is seen.
+A film is one picture for each method, its frames below each other, which the script draws on canvases from one clock;
+without scripts the first frame is seen. A reader without scripts and a printer have all pictures too.
 """
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -17,50 +15,81 @@ from numpy.typing import NDArray
 
 from mipbake.comparing.page.charts import standing_out
 from mipbake.comparing.page.markup import Html, element, note, region
+from mipbake.comparing.page.names import REFERENCE, called, distance
 from mipbake.comparing.page.pictures import displayed_bytes, encoded, gradient_stops, heat
 from mipbake.comparing.page.tables import number, title, unit
-from mipbake.comparing.page.verdict import verdict
 from mipbake.comparing.result import LINEAR, Comparison, Filmed, FilmedScene, Plot, Rendered, Scene
-from mipbake.quality.figures import Figure
-from mipbake.quality.metrics import MEASURES
-
-REFERENCE = "reference"
-"""What a report calls the reference beside the methods."""
 
 _NOISY = " (more than was wanted: small differences here are noise)"
 
 
-def picture_names(comparison: Comparison) -> list[str]:
+def _ordered(comparison: Comparison) -> list[str]:
     """Names of all methods, those that stand out first."""
     return list(dict.fromkeys([*standing_out(comparison), *(each.name for each in comparison.methods)]))
 
 
-def film_names(comparison: Comparison) -> list[str]:
-    """Whose films the page shows: methods that stand out, the best closed form of each film, and every method that is
-    no closed form. All others have figures: a film takes as much room as ten pictures."""
-    names = [*standing_out(comparison), *(each.rival for each in verdict(comparison).seen_closed)]
-    names += [each.name for each in comparison.methods if each.name not in comparison.closed_forms]
-    return [name for name in dict.fromkeys(names) if any(name in each.images for each in comparison.films)]
-
-
-def choices(comparison: Comparison, names: Sequence[str]) -> tuple[list[str], str, str]:
-    """What a view with the divider may show, the reference last, and what A and B are at first."""
-    start = LINEAR if LINEAR in names and comparison.subject != LINEAR else REFERENCE
-    return [*names, REFERENCE], start, comparison.subject
-
-
 def films(comparison: Comparison, step: Callable[[], None]) -> Html:
-    """A figure for each film; `step` is called after each."""
-    names, made = film_names(comparison), []
+    """Films in step: plain MIP maps, the subject and the reference; `step` is called after each."""
+    made, names = [], dict.fromkeys((LINEAR, comparison.subject, REFERENCE))
     for filmed in comparison.films:
-        made.append(_film(comparison, filmed, names))
+        shown = [
+            _film(filmed, name, called(comparison, name))
+            for name in names
+            if name == REFERENCE or name in filmed.images
+        ]
+        scene = filmed.scene
+        moves = "the camera moves" if scene.motion == "camera" else "the lights move"
+        text = f"{distance(scene.lod)}; {moves}."
+        caption = element("figcaption", element("h3", scene.title), note(text))
+        made.append(_in_step(scene, caption, shown))
         step()
-    return element("div", made, class_="scenes")
+    buttons = [
+        _button("Stop", "play", "Stop or play the films (space bar)"),
+        _button("\N{SINGLE LEFT-POINTING ANGLE QUOTATION MARK}", "back", "The frame before (,)"),
+        _button("\N{SINGLE RIGHT-POINTING ANGLE QUOTATION MARK}", "on", "The frame after (.)"),
+        element("output", aria_label="Frame"),
+    ]
+    text = note(
+        "Plain MIP maps left, mipbake next, then the truth: the source as it should look. Watch what glitters or "
+        "crawls on one side and not in the truth."
+    )
+    return Html(text + element("div", buttons, class_="clock js") + element("div", made, class_="films"))
+
+
+def other_films(comparison: Comparison) -> Html:
+    """Films of all other methods, and how films were made; empty without films."""
+    made = []
+    names = [name for name in _ordered(comparison) if name not in (LINEAR, comparison.subject)]
+    for filmed in comparison.films:
+        shown = [_film(filmed, name, name) for name in names if name in filmed.images]
+        caption = element("figcaption", element("h3", filmed.scene.title), note(_film_described(filmed.scene)))
+        made.append(_in_step(filmed.scene, caption, shown))
+    return element("div", made, class_="films others") if made else Html("")
+
+
+def _in_step(scene: FilmedScene, caption: Html, shown: Sequence[Html]) -> Html:
+    strip = element("div", shown, class_="strip")
+    return element("figure", strip, caption, class_="film", data_frames=scene.frames,
+                   data_fps=f"{scene.frames_per_second:g}")  # fmt: skip
+
+
+def _film(filmed: Filmed, name: str, said: str) -> Html:
+    frames = filmed.reference if name == REFERENCE else filmed.images[name]
+    height, width = filmed.scene.resolution
+    picture = encoded(frames.reshape(-1, *frames.shape[2:]), 80)
+    sheet = picture.html(f"{filmed.scene.title}, {said}", class_="sheet")
+    shown = element("div", sheet, class_="frame", style=f"--natural: {width}px; aspect-ratio: {width} / {height}")
+    return element("figure", shown, element("figcaption", said), data_method=name)
+
+
+def _button(label: str, do: str, described: str) -> Html:
+    named = None if label.isalpha() else described
+    return element("button", label, type="button", data_do=do, title=described, aria_label=named)
 
 
 def pictures(comparison: Comparison, step: Callable[[], None]) -> Html:
     """A figure for each scene that was rendered, with the error maps; `step` is called after each."""
-    names, top, made = picture_names(comparison), flip_top(comparison), []
+    names, top, made = _ordered(comparison), flip_top(comparison), []
     for rendered in comparison.rendered:
         made.append(_picture(comparison, rendered, names, top))
         step()
@@ -69,11 +98,16 @@ def pictures(comparison: Comparison, step: Callable[[], None]) -> Html:
 
 def plots(comparison: Comparison, step: Callable[[], None]) -> Html:
     """A figure for each plot: the reference, the methods that stand out, the others behind them in the strip."""
-    names, made = picture_names(comparison), []
+    names, made = _ordered(comparison), []
     for plot in comparison.plots:
-        made.append(_plot(plot, names))
+        cells = []
+        for name, image in _reference_first(plot, names):
+            picture = encoded(displayed_bytes(image))
+            width = max(1, round(224 / max(picture.width, 1))) * picture.width
+            cells.append(_cell(name, [picture.html(f"{plot.title}, {name}", style=f"--width: {width}px")]))
+        made.append(_figure(plot.title, plot.caption, cells))
         step()
-    return element("div", made, class_="plots")
+    return element("div", made, class_="scenes")
 
 
 def flip_top(comparison: Comparison) -> float:
@@ -100,103 +134,47 @@ def _colour_bar(top: float) -> Html:
     return element("figure", ramp, element("div", ticks, class_="ramp-ticks", aria_hidden="true"), class_="colour-bar")
 
 
-def _film(comparison: Comparison, filmed: Filmed, names: Sequence[str]) -> Html:
-    scene, cells = filmed.scene, []
-    style = f"aspect-ratio: {scene.resolution[1]} / {scene.resolution[0]}"
-    for name, frames in _reference_first(filmed, names):
-        alt = f"{scene.title}, {name}"
-        sheet = frames.reshape(-1, *frames.shape[2:])
-        picture = encoded(sheet, 85)
-        shown = element("div", picture.html(alt, class_="render"), class_="frame", style=style)
-        figures = _figures(comparison, name, scene.name, "")
-        figures.sort(key=lambda f: MEASURES[f.measure].needs != "film")  # what judges films first
-        judged = next((f for f in figures if MEASURES[f.measure].needs == "film" or f.measure == "flip"), None)
-        value = _named(judged)[1] if judged else None
-        caption = f"FLIP {value}" if judged and judged.measure == "flip" else value
-        cells.append(_cell(name, [shown], caption, figures))
-    return _figure(scene, _film_described(scene), cells, "scene film", data_frames=scene.frames,
-                   data_fps=f"{scene.frames_per_second:g}")  # fmt: skip
-
-
 def _picture(comparison: Comparison, rendered: Rendered, names: Sequence[str], top: float) -> Html:
     scene, cells = rendered.scene, []
     for name, image in _reference_first(rendered, names):
         alt = f"{scene.title}, {name}"
-        picture = encoded(displayed_bytes(image), 95)  # readers enlarge it
-        flip = encoded(heat(rendered.flip[name], top)) if name in rendered.flip else None
-        # The error map, or the room that one would take.
-        style = f"aspect-ratio: {picture.width} / {picture.height}"
-        below = flip.html(f"FLIP map: {alt}", class_="flip") if flip else element("span", class_="no-flip", style=style)
-        figures = _figures(comparison, name, scene.view, scene.scale) if name != REFERENCE else []
-        # FLIP where it was measured, for it is the map's mean.
-        first = next((f for f in figures if f.measure == "flip"), figures[0] if figures else None)
-        caption = " ".join(_named(first)) if first else None
-        cells.append(_cell(name, [picture.html(alt, class_="render"), below], caption, figures))
-    height, width = scene.resolution
-    return _figure(scene, _described(scene), cells, "scene wide" if width > 1.6 * height else "scene")
+        size = f"--width: {scene.resolution[1]}px"
+        shown = [encoded(displayed_bytes(image)).html(alt, style=size)]
+        if name in rendered.flip:
+            shown.append(encoded(heat(rendered.flip[name], top)).html(f"FLIP map: {alt}", style=size))
+        found = comparison.find(name, "flip", scene.view, scene.scale)
+        caption = f"{title('flip')} {number(found.value, 'flip')} {unit('flip')}" if found else None
+        cells.append(_cell(name, shown, caption))
+    return _figure(scene.title, _described(scene), cells)
 
 
-def _plot(plot: Plot, names: Sequence[str]) -> Html:
-    cells = []
-    for name, image in _reference_first(plot, names):
-        alt = f"{plot.title}, {name}"
-        picture = encoded(displayed_bytes(image))
-        width = max(1, round(224 / max(picture.width, 1))) * picture.width
-        cells.append(_cell(name, [picture.html(alt, class_="render", style=f"--width: {width}px")], None, []))
-    return element("figure", _headed(plot.title, plot.caption, cells), class_="plot-figure")
-
-
-def _reference_first(shown: Filmed | Rendered | Plot, names: Sequence[str]) -> list[tuple[str, NDArray[Any]]]:
+def _reference_first(shown: Rendered | Plot, names: Sequence[str]) -> list[tuple[str, NDArray[Any]]]:
     return [(REFERENCE, shown.reference), *((name, shown.images[name]) for name in names if name in shown.images)]
 
 
-def _figure(scene: Scene | FilmedScene, described: str, cells: Sequence[Html], kind: str, **data: str | int) -> Html:
-    """A scene with its strip, and room for the view with the divider."""
-    caption, strip = _headed(scene.title, described, cells)
-    room = element("div", class_="compare", hidden=True)
-    return element("figure", caption, room, strip, class_=kind, data_scene=scene.name, data_title=scene.title, **data)
-
-
-def _headed(heading: str, described: str, cells: Sequence[Html]) -> tuple[Html, Html]:
+def _figure(heading: str, described: str, cells: Sequence[Html]) -> Html:
     caption = element("figcaption", element("h3", heading), note(described))
-    return caption, region(f"{heading}: every method", cells, class_="strip")
+    return element("figure", caption, region(f"{heading}: every method", cells, class_="strip"))
 
 
-def _cell(name: str, shown: Sequence[Html], caption: str | None, figures: Sequence[Figure]) -> Html:
-    """A method in a strip: its pictures, its name, a caption, and its figures for the view with the divider."""
-    return element(
-        "figure",
-        shown,
-        element("figcaption", element("b", name), element("small", caption) if caption else None),
-        data_method=name,
-        data_figures=json.dumps(dict(map(_named, figures)), ensure_ascii=False) if figures else None,
-    )
-
-
-def _figures(comparison: Comparison, method: str, view: str, scale: str) -> list[Figure]:
-    """The figures of a method in a render or a film, in the order of MEASURES."""
-    found = [comparison.find(method, measure, view, scale) for measure in MEASURES]
-    return [figure for figure in found if figure]
-
-
-def _named(figure: Figure) -> tuple[str, str]:
-    """Title and figure, with its unit, as a reader is shown both."""
-    return title(figure.measure), f"{number(figure.value, figure.measure)} {unit(figure.measure)}".strip()
+def _cell(name: str, shown: Sequence[Html], caption: str | None = None) -> Html:
+    """A method in a strip: its pictures, its name, and a caption."""
+    words = element("figcaption", element("b", name), element("small", caption) if caption else None)
+    return element("figure", shown, words, data_method=name)
 
 
 def _described(scene: Scene) -> str:
     share = scene.standard_error / scene.candidate_error if scene.candidate_error > 0 else math.nan
     error = "" if math.isnan(share) else f", its standard error {share:.2g} of the closest method's error"
     lod = "" if "median" in scene.title else f"Median level of detail {scene.lod:.1f}; "
-    text = f"{lod}{scene.lighting}; reference of {scene.passes} samples per pixel{error}"
+    text = f"{lod}{scene.lighting}; truth of {scene.passes} samples per pixel{error}"
     return f"{text[0].upper()}{text[1:]}{'' if scene.converged else _NOISY}."
 
 
 def _film_described(scene: FilmedScene) -> str:
-    moving = "the camera moves" if scene.motion == "camera" else "the lights move"
     return (
-        f"{scene.lighting[0].upper()}{scene.lighting[1:]}; {moving}; sampler {scene.sampler}; median level of "
-        f"detail {scene.lod:.1f}; reference of {scene.passes} samples per pixel, its noise {scene.noise:.2g} where the "
+        f"{scene.lighting[0].upper()}{scene.lighting[1:]}; sampler {scene.sampler}; median level of "
+        f"detail {scene.lod:.1f}; truth of {scene.passes} samples per pixel, its noise {scene.noise:.2g} where the "
         f"closest method's error is {scene.candidate_error:.2g} of the displayed range"
         f"{'' if scene.converged else _NOISY}."
     )

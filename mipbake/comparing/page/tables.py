@@ -1,4 +1,4 @@
-"""Tables of a report: every measure by method and scale, the best marked, intervals in small print below figures."""
+"""Tables of a report: what one sees; then every measure by method and scale, the best marked, intervals below."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from mipbake.comparing.films import FILM
 from mipbake.comparing.page.charts import looks
 from mipbake.comparing.page.markup import DASH, MINUS, SPACE, Content, Html, element, region
-from mipbake.comparing.page.verdict import PLACES, Difference, Verdict, film_named
+from mipbake.comparing.page.names import called, distance
+from mipbake.comparing.page.verdict import PLACES, film_named
 from mipbake.comparing.result import LINEAR, OPTIMUM, Comparison
 from mipbake.quality.figures import SCALES, SNR_GAIN, Figure
 from mipbake.quality.metrics import MEASURES, PAIR_SETS
@@ -59,78 +60,74 @@ def number(value: float, measure: str, largest: float | None = None) -> str:
     return text.replace("-", MINUS)
 
 
-# ---- the verdict
+# ---- what one sees
 
 
-def verdict_tables(found: Verdict) -> Html:
-    """The differences behind the verdict: of films, a row for each rival and a column for each film; in decibels, a row
-    for each pair set and rival and a column for each scale."""
-    return Html(_films_table(found) + _decibel_table(found))
+@dataclass(frozen=True)
+class _Place:
+    """A row of the first table: what is looked at, and where its figures are."""
+
+    distance: str
+    what: str
+    shimmer: tuple[str, str, str]
+    difference: tuple[str, str, str]
 
 
-def _films_table(found: Verdict) -> Html:
-    groups = {"the best closed form": found.seen_closed, LINEAR: found.seen_linear}
-    differences = [each for group in groups.values() for each in group]
-    if not differences:
+_SEEN = {
+    "jod-37": (
+        "Likeness to the truth",
+        "10 looks the same; of two films that are one apart, three in four people prefer the higher (ColorVideoVDP)",
+    ),
+    "flip": ("Difference from the truth", "0 looks the same, 1 is black in place of white (FLIP)"),
+    "flicker": ("Shimmer", "change from frame to frame beside the truth's: 1 is right, more flickers, less is blurred"),
+}
+
+
+def seen_table(comparison: Comparison) -> Html:
+    """Plain MIP maps beside the subject, near, at middle distance and far: of films, or without films of renders."""
+    places = _places(comparison)
+    names = list(dict.fromkeys((LINEAR, comparison.subject)))
+    if not places:
         return Html("")
-    films = list(dict.fromkeys(each.view for each in differences))
-    rows = [_row(name, {d.view: d for d in group}, films) for name, group in groups.items() if group]
-    heading = f"In films, {title(differences[0].measure)}, ahead of"
-    return _verdict_table("What films show", [each.removeprefix(FILM) for each in films], [(heading, rows)])
-
-
-def _decibel_table(found: Verdict) -> Html:
-    groups = {"the best closed form": found.closed, LINEAR: found.linear}
-    scales = [scale for scale in SCALES if any(d.scale == scale for group in groups.values() for d in group)]
-    bodies = []
-    for view in PAIR_SETS:
-        rows = []
-        for name, group in groups.items():
-            here = {d.scale: d for d in group if d.view == view}
-            rows += [_row(name, here, scales)] if here else []
-        gaps = [found.gap.get((view, scale)) for scale in scales]
-        if any(share is not None for share in gaps):
-            head = element("th", "share of the gap to the optimum", scope="row")
-            rows.append(element("tr", head, [_gap_cell(share) for share in gaps], class_="gap"))
-        if rows:
-            bodies.append((f"{PLACES[view][0].upper()}{PLACES[view][1:]}, dB ahead of", rows))
-    return _verdict_table("Differences behind the verdict", scales, bodies) if bodies else Html("")
-
-
-def _verdict_table(label: str, columns: Sequence[str], bodies: Sequence[tuple[str, list[Html]]]) -> Html:
-    heads = [element("td"), *(element("th", column, scope="col") for column in columns)]
-    made = [
-        element("tbody", element("tr", element("th", heading, scope="rowgroup", colspan=len(columns) + 1)), rows)
-        for heading, rows in bodies
+    measures = [places[0].difference[0], "flicker"]
+    heads = [
+        element(
+            "th", element("b", _SEEN[each][0]), element("small", _SEEN[each][1]), scope="colgroup", colspan=len(names)
+        )
+        for each in measures
     ]
-    return region(label, element("table", element("thead", element("tr", heads)), made, class_="verdict-table"))
+    rows = []
+    for place in places:
+        cells = [_pair(comparison, names, at) for at in (place.difference, place.shimmer)]
+        head = element("th", element("b", place.distance), element("small", place.what), scope="row")
+        rows.append(element("tr", head, cells))
+    said = [element("th", called(comparison, name), scope="col") for _ in measures for name in names]
+    head = element("thead", element("tr", element("td"), heads), element("tr", element("td"), said))
+    table = element("table", head, element("tbody", rows), class_="seen")
+    return region("What one sees", table)
 
 
-def _row(name: str, differences: Mapping[str, Difference], columns: Sequence[str]) -> Html:
-    return element("tr", element("th", name, scope="row"), [_verdict_cell(differences.get(each)) for each in columns])
+def _places(comparison: Comparison) -> list[_Place]:
+    judge = "jod-37" if any(f.measure == "jod-37" for f in comparison.figures) else "flip"
+    scenes = sorted((each.scene for each in comparison.films), key=lambda scene: scene.lod)
+    made = [
+        _Place(distance(s.lod), s.title.partition(",")[0], ("flicker", s.name, ""), (judge, s.name, "")) for s in scenes
+    ]
+    if not made:
+        for scale, said in {"near": "Near", "middle": "Middle distance", "far": "Far"}.items():
+            view = next((each.scene.view for each in comparison.rendered if each.scene.scale == scale), "")
+            made.append(_Place(said, view, ("flicker", "near-mirror", scale), ("flip", view, scale)))
+    subject = comparison.subject
+    return [place for place in made if comparison.find(subject, *place.difference)]
 
 
-def _gap_cell(share: float | None) -> Html:
-    if share is None:
-        return element("td", DASH, title="the optimum is not ahead of the best closed form")
-    return element("td", f"{share:.0%}" if share > 0 else "none", title=f"{share:.0%}".replace("-", MINUS))
-
-
-def _verdict_cell(found: Difference | None) -> Html:
-    if found is None:
-        return element("td", DASH)
-    kind = {1: "win", -1: "loss", 0: "tie"}[found.outcome]
-    if found.measure == "snr":
-        gain, word = number(found.gain, SNR_GAIN), {1: "ahead", -1: "behind", 0: "no difference"}[found.outcome]
-        bounds = " to ".join(number(bound, SNR_GAIN) for bound in (found.low, found.high))
-        more = "" if math.isnan(found.low) else f"95 % interval {bounds} dB"
-    else:
-        gain = f"{found.gain:+.{2 if unit(found.measure) == 'JOD' else 3}f}".replace("-", MINUS)
-        word = {1: "better", -1: "worse", 0: "no visible difference"}[found.outcome]
-        figures = [number(f, found.measure, max(found.own, found.other)) for f in (found.own, found.other)]
-        more = f"{' and '.join(figures)} {unit(found.measure)}".strip()
-    rival = element("small", found.rival) if found.rival != LINEAR else None
-    return element("td", element("b", gain), element("small", word), rival, class_=kind, title=more or None)
+def _pair(comparison: Comparison, names: Sequence[str], at: tuple[str, str, str]) -> list[Html]:
+    """A cell for each method, the better one marked; both where they read the same."""
+    found = [comparison.find(name, *at) for name in names]
+    losses = [MEASURES[at[0]].loss(each.value) if each else math.inf for each in found]
+    said = [number(each.value, at[0]) if each else DASH for each in found]
+    best = said[losses.index(min(losses))]
+    return [element("td", text, class_="win" if text == best != DASH else None) for text in said]
 
 
 # ---- every measure

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.comparing.page.markup import TIMES, Html, element, joined, note, region
+from mipbake.comparing.page.names import called
 from mipbake.comparing.page.pictures import bytes_of, encoded
 from mipbake.comparing.result import LINEAR, Comparison
 from mipbake.comparing.viewer import texel_bytes, viewer_fragment
@@ -30,10 +31,10 @@ THUMBNAIL_LEVELS = 6
 def view(comparison: Comparison, source: FilteredSource | None) -> Html:
     """The interactive view, with a sentence about what was left out of it; empty without a stack.
 
-    It holds the stack of `linear (box)`, which is before, the subject's, which is after, and the truth.
+    It holds plain MIP maps, the subject's stack and the truth.
     """
-    names = {LINEAR: f"before: {LINEAR}", comparison.subject: f"after: {comparison.subject}"}
-    chosen = {name: comparison.stacks[key] for key, name in names.items() if key in comparison.stacks}
+    names = dict.fromkeys((LINEAR, comparison.subject))
+    chosen = {called(comparison, name): comparison.stacks[name] for name in names if name in comparison.stacks}
     if not chosen:
         return Html("")
     size = next(reversed(chosen.values())).size

@@ -1,4 +1,4 @@
-// WebGL2: uploads the levels as they were made, draws both sides into float targets, and composes the screen from them.
+// WebGL2: uploads the levels as they were made, draws every side into float targets, and composes the screen from them.
 
 function perspective(fieldOfView, aspect, near, far) {  // column-major, as WebGL reads it
     const f = 1 / Math.tan(fieldOfView / 2);
@@ -14,6 +14,8 @@ function product(a, b) {
     }
     return out;
 }
+
+const SIDES = 3;  // beside each other, at most
 
 const FIELD_OF_VIEW = 40 * Math.PI / 180;
 
@@ -158,7 +160,7 @@ class Renderer {
         gl.bindRenderbuffer(gl.RENDERBUFFER, this.depth);
         gl.renderbufferStorage(gl.RENDERBUFFER, gl.DEPTH_COMPONENT24, width, height);
         // Two targets for each side: the reference reads the mean of its passes so far from one and writes the other.
-        this.sides = [0, 1].map(() => [0, 1].map(() => {
+        this.sides = Array.from({ length: SIDES }, () => [0, 1].map(() => {
             const texture = gl.createTexture(), framebuffer = gl.createFramebuffer();
             gl.bindTexture(gl.TEXTURE_2D, texture);
             gl.texImage2D(gl.TEXTURE_2D, 0, this.targetFormat, width, height, 0, gl.RGBA, this.targetType, null);
@@ -178,14 +180,17 @@ class Renderer {
         this.gl.uniform1i(program.uniforms[name], unit);
     }
 
-    // Draws one side: a stack once per pixel (samples = 0), or `samples` of the reference after `gathered` others.
-    drawSide(index, stack, view, samples, gathered) {
+    // Draws the columns from `left` to `right` of a side: a stack once per pixel (samples = 0), or `samples` of the
+    // reference after `gathered` others.
+    drawSide(index, stack, view, samples, gathered, [left, right]) {
         const gl = this.gl, [front, back] = this.sides[index], [width, height] = this.size;
         const program = this.program(stack.model, VERTEX_SHADER, fragmentShader(stack.model));
         const shape = SHAPES[view.shape], lights = this.scene.lights[view.lights], { eye, clip } = camera(view, width / height);
         const u = program.uniforms, flat = (rows) => new Float32Array(rows.flat());
         gl.bindFramebuffer(gl.FRAMEBUFFER, back.framebuffer);
         gl.viewport(0, 0, width, height);
+        gl.enable(gl.SCISSOR_TEST);
+        gl.scissor(left, 0, Math.max(right - left, 0), height);
         gl.enable(gl.DEPTH_TEST);
         gl.enable(gl.CULL_FACE);
         gl.clearColor(0, 0, 0, 0);
@@ -215,20 +220,22 @@ class Renderer {
         gl.bindVertexArray(mesh.array);
         gl.drawElements(gl.TRIANGLES, mesh.count, gl.UNSIGNED_INT, 0);
         gl.bindVertexArray(null);
+        gl.disable(gl.SCISSOR_TEST);
         this.sides[index].reverse();
     }
 
-    present(view, background) {
+    // Composes the first `count` sides, with dividers at the given columns.
+    present(view, count, dividers, background) {
         const gl = this.gl, program = this.screen, [width, height] = this.size;
         gl.bindFramebuffer(gl.FRAMEBUFFER, null);
         gl.viewport(0, 0, width, height);
         gl.disable(gl.DEPTH_TEST);
         gl.useProgram(program.handle);
-        this.bind(program, 0, 'uA', this.sides[0][0].texture);
-        this.bind(program, 1, 'uB', this.sides[1][0].texture);
-        gl.uniform1i(program.uniforms.uMode, view.mode === 'difference' ? 1 : 0);
+        this.sides.forEach(([{ texture }], index) => this.bind(program, index, `uSide${index}`, texture));
+        gl.uniform1i(program.uniforms.uLast, count - 1);
+        gl.uniform1i(program.uniforms.uDiffer, view.differ ? 1 : 0);
         gl.uniform1i(program.uniforms.uTonemap, view.show === 0 ? 1 : 0);
-        gl.uniform1f(program.uniforms.uDivider, view.mode === 'one' ? width : view.divider * width);
+        gl.uniform2f(program.uniforms.uDividers, dividers[0] ?? width, dividers[1] ?? width);
         gl.uniform1f(program.uniforms.uExposure, 2 ** view.exposure);
         gl.uniform1f(program.uniforms.uGain, view.gain);
         gl.uniform3f(program.uniforms.uBackground, ...background);

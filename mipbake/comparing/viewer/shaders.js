@@ -195,14 +195,15 @@ void main() {
     gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4.0 - 1.0, 0, 1);
 }`;
 
-// Linear radiance of both sides to the screen: x / (1 + x) and the sRGB curve, as the tonemapped error measures.
+// Linear radiance of the sides to the screen: x / (1 + x) and the sRGB curve, as the tonemapped error measures.
 const SCREEN_FRAGMENT_SHADER = `#version 300 es
 precision highp float;
 precision highp sampler2D;
-uniform sampler2D uA, uB;
-uniform int uMode;  // 0: A left of the divider and B right of it; 1: difference
-uniform bool uTonemap;
-uniform float uDivider, uExposure, uGain;
+uniform sampler2D uSide0, uSide1, uSide2;
+uniform int uLast;  // the side to the right of the last divider
+uniform bool uDiffer, uTonemap;  // sides show how they differ from the last one, or themselves
+uniform float uExposure, uGain;
+uniform vec2 uDividers;
 uniform vec3 uBackground;
 out vec4 outColor;
 
@@ -224,16 +225,19 @@ vec3 heat(float x) {  // dark to light through violet and orange: readable witho
     return mix(steps[i], steps[i + 1], place - float(i));
 }
 
+vec4 weighed(vec4 side) {
+    return vec4(side.rgb / (side.a != 0.0 ? side.a : 1.0), side.a);
+}
+
 void main() {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
-    vec4 a = texelFetch(uA, pixel, 0), b = texelFetch(uB, pixel, 0);
-    bool left = gl_FragCoord.x < uDivider, covered = (left ? a.a : b.a) != 0.0;
-    a.rgb /= a.a != 0.0 ? a.a : 1.0;
-    b.rgb /= b.a != 0.0 ? b.a : 1.0;
-    vec3 color = displayed(left ? a.rgb : b.rgb);
-    if (uMode == 1) {
-        vec3 difference = abs(displayed(a.rgb) - displayed(b.rgb));
+    vec4 sides[3] = vec4[3](texelFetch(uSide0, pixel, 0), texelFetch(uSide1, pixel, 0), texelFetch(uSide2, pixel, 0));
+    int here = min(int(gl_FragCoord.x >= uDividers.x) + int(gl_FragCoord.x >= uDividers.y), uLast);
+    vec4 shown = weighed(sides[here]);
+    vec3 color = displayed(shown.rgb);
+    if (uDiffer && here != uLast) {
+        vec3 difference = abs(color - displayed(weighed(sides[uLast]).rgb));
         color = heat(uGain * dot(difference, vec3(1.0 / 3.0)));
     }
-    outColor = vec4(covered ? color : uBackground, 1);
+    outColor = vec4(shown.a != 0.0 ? color : uBackground, 1);
 }`;

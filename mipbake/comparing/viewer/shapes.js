@@ -115,18 +115,37 @@ function ballMesh() {
 }
 
 // `tiles`: how often the texture repeats along a unit of uv, to begin with; `span`: the units of uv round or across the
-// shape; the rest is how it is seen at first, in degrees and units of length.
+// shape; `perUnit`: units of uv along a unit of length in the middle of the picture; `front`: how far in front of the
+// target the surface lies there; `seen`: its width, in heights of the picture; the rest is how it is seen at first, in
+// degrees and units of length.
 const SHAPES = {
     plane: {
-        label: 'Plane', mesh: planeMesh, tiles: 16, span: 1,
-        target: [0, 0, 0], azimuth: 0, elevation: 14, distance: 5,
+        label: 'Floor', mesh: planeMesh, tiles: 16, span: 1, perUnit: 1 / 32, front: 0, seen: Infinity,
+        target: [0, 0, 0], azimuth: 0, elevation: 30, distance: 5,
     },
     sphere: {
-        label: 'Sphere', mesh: sphereMesh, tiles: 2, span: 1,
+        label: 'Sphere', mesh: sphereMesh, tiles: 2, span: 1, perUnit: 2 / Math.PI, front: 1, seen: 0.85,
         target: [0, 0, 0], azimuth: 25, elevation: 18, distance: 3.4,
     },
     ball: {
-        label: 'Material ball', mesh: ballMesh, tiles: 1, span: 6,
+        label: 'Ball', mesh: ballMesh, tiles: 1, span: 6, perUnit: 3 / Math.PI, front: 1, seen: 0.64,
         target: [0, -0.16, 0], azimuth: 20, elevation: 18, distance: 4.4,
     },
 };
+
+// Level of detail in the middle of the picture. A floor is looked at from above when it is near, and along it when far.
+const AWAY = {
+    near: { label: 'Near', lod: -0.3, elevation: 40, title: 'texels about as large as pixels, or larger: levels of detail below 1' },
+    middle: { label: 'Middle distance', lod: 1.8, elevation: 30, title: 'two to eight texels across a pixel: levels of detail 1 to 3' },
+    far: { label: 'Far', lod: 4, elevation: 22, title: 'eight texels and more across a pixel: levels of detail 3 and more' },
+};
+
+// How a shape is seen near, at middle distance or far: textures that repeat are scaled, others are moved away from.
+function posed(shape, away, rows, stack) {
+    const { perUnit, tiles, span, front, azimuth, distance } = SHAPES[shape];
+    const { lod, elevation: above } = AWAY[away], flat = shape === 'plane', elevation = flat ? above : SHAPES[shape].elevation;
+    const slant = flat ? Math.sin(elevation * Math.PI / 180) : 1, pixel = 2 * Math.tan(FIELD_OF_VIEW / 2) / rows;
+    const texels = 2 ** lod * slant / pixel;  // across what lies at unit distance, were it one unit of uv
+    if (stack.wrap[0] === 'wrap') return { azimuth, elevation, distance, tiling: texels / ((distance - front) * perUnit * tiles * stack.sizes[0][1]) };
+    return { azimuth, elevation, distance: front + texels / (perUnit / span * stack.sizes[0][1]), tiling: 1 };
+}

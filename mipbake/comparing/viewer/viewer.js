@@ -1,11 +1,11 @@
-// The controls around the renderer, and when to draw: on change, while turning, and while the reference gathers samples.
+// The controls around the renderer, and when to draw: on change, in motion, and while the reference gathers samples.
 
 const SHOWN = ['Shaded', 'Diffuse albedo', 'Reflectance at normal incidence', 'Normal', 'Roughness', 'Level of detail'];
-const MODES = { split: 'Side by side', difference: 'Difference', one: 'A alone' };
 const KEYS = [
-    ['arrows', 'look around'], ['+ −', 'closer, farther'], ['[ ]', 'move the divider'], ['1 2 3', 'plane, sphere, ball'],
-    ['s d a', 'side by side, difference, A alone'], ['r', 'the truth in place of B, and back'], ['space', 'turn slowly'],
+    ['arrows', 'look around'], ['+ −', 'closer, farther'], ['n m f', 'near, middle distance, far'], ['[ ]', 'move the first divider'],
+    ['1 2 3', 'floor, sphere, ball'], ['l', 'move the lamp'], ['space', 'move the camera'], ['d', 'differences from what is to the right'],
 ];
+const LAMP = { degrees: 30, seconds: 7 };  // how far a lamp moves to either side, and how long it takes to be back
 
 const clamp = (x, low, high) => Math.min(Math.max(x, low), high);
 
@@ -25,29 +25,22 @@ class Viewer {
         const [truth, stacks] = scene.source ? [scene.images[0], scene.images.slice(1)] : [null, scene.images];
         Object.assign(scene, { source: truth, stacks });
         this.choices = truth ? [...stacks, truth] : stacks;
-        const lights = scene.lights[0];
         this.view = {
-            a: 0, b: Math.min(this.choices.length - 1, scene.stacks.length > 1 ? scene.stacks.length - 1 : 1),
-            shape: 'plane', mode: 'split', divider: 0.5, gain: 4, exposure: 0, show: 0, tiling: 1, widen: 0, pixels: 1,
-            lights: 0, lightAzimuth: 0, lightHeight: lights.height, turning: false,
-            ...Viewer.pose('plane'),
+            sides: this.choices.map((_, index) => index).slice(0, SIDES), dividers: [], shape: 'plane', away: 'middle', differ: false,
+            gain: 4, exposure: 0, show: 0, widen: 0, pixels: 1, tiling: 1, distance: 5, azimuth: 0, elevation: 30,
+            lights: 0, lightAzimuth: 0, lightHeight: scene.lights[0].height, lampMoves: false, cameraMoves: false,
         };
-        if (this.choices.length === 1) this.view.mode = 'one';
-        Object.assign(this.view, keptView());
-        this.methodB = this.view.b;
+        const kept = keptView();
+        Object.assign(this.view, kept);
+        this.pose = 'azimuth' in kept ? -1 : null;  // the canvas height that the view was posed for: none, and never mind
         this.controls = {};
-        this.each = 16;
+        this.each = 4;
         this.build();
         this.renderer = new Renderer(this.canvas, scene);
         this.canvas.addEventListener('webglcontextlost', () => this.fail('The graphics context was lost: load the page again.'));
         new ResizeObserver(() => this.change()).observe(this.stage);
         matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => this.change());
         this.change();
-    }
-
-    static pose(shape) {
-        const { azimuth, elevation, distance } = SHAPES[shape];
-        return { azimuth, elevation, distance };
     }
 
     fail(sentence) {
@@ -59,58 +52,74 @@ class Viewer {
 
     build() {
         this.canvas = element('canvas', {
-            tabindex: 0, role: 'img',
-            'aria-label': 'A lit surface with the chosen method on either side of the divider; arrow keys look around',
+            tabindex: 0, role: 'img', 'aria-label': 'A lit surface, a side for each picture that is chosen; arrow keys look around',
         });
-        this.divider = element('div', {
-            class: 'mv-divider', role: 'slider', tabindex: 0, 'aria-label': 'Divider between A and B',
-            'aria-valuemin': 0, 'aria-valuemax': 100,
-        });
-        this.nameA = element('span', { class: 'mv-name mv-left' });
-        this.nameB = element('span', { class: 'mv-name mv-right' });
-        this.stage = element('div', { class: 'mv-stage' }, this.canvas, this.divider, this.nameA, this.nameB);
+        this.dividers = [0, 1].map((index) => element('div', {
+            class: 'mv-divider', role: 'slider', tabindex: 0, 'aria-label': `Divider ${index + 1}`, 'aria-valuemin': 0, 'aria-valuemax': 100,
+        }));
+        this.names = [0, 1, 2].map(() => element('span', { class: 'mv-name' }));
+        this.stage = element('div', { class: 'mv-stage' }, this.canvas, ...this.dividers, ...this.names);
         this.status = element('p', { class: 'mv-status', role: 'status' });
-        const names = this.choices.map((choice) => choice.name);
-        const several = names.length > 1;
+        const several = this.choices.length > 1, degrees = (x) => `${Math.round(x)}°`;
         const reset = element('button', { type: 'button' }, 'Reset the view');
-        reset.addEventListener('click', () => this.change(Viewer.pose(this.view.shape)));
-        const top = element('div', { class: 'mv-bar' },
-            this.select('shape', 'Shape', Object.entries(SHAPES).map(([key, shape]) => [key, shape.label])),
-            this.select('a', 'A', names.map((name, i) => [i, name])),
-            ...(several ? [
-                this.select('b', 'B', names.map((name, i) => [i, name])),
-                this.select('mode', 'Compare', Object.entries(MODES)),
-            ] : []),
-            this.checkbox('turning', 'Turn slowly'));
-        const degrees = (x) => `${Math.round(x)}°`;
+        reset.addEventListener('click', () => this.change({ away: 'middle', lightAzimuth: 0, dividers: [] }));
+        const bar = element('div', { class: 'mv-bar' },
+            this.group('Distance', Object.entries(AWAY).map(([key, away]) => this.button(
+                away.label, () => this.change({ away: key }), () => this.view.away === key, away.title))),
+            this.group('Shape', Object.entries(SHAPES).map(([key, shape]) => this.button(
+                shape.label, () => this.change({ shape: key, away: this.view.away || 'middle' }), () => this.view.shape === key))),
+            this.group('Motion', [
+                this.button('Move the lamp', () => this.change({ lampMoves: !this.view.lampMoves }), () => this.view.lampMoves),
+                this.button('Move the camera', () => this.change({ cameraMoves: !this.view.cameraMoves }), () => this.view.cameraMoves),
+            ]),
+            this.slider('lightAzimuth', 'Lamp', -180, 180, 1, degrees));
         const panel = element('div', { class: 'mv-panel' },
+            ...(several ? [this.group('Show', this.choices.map(({ name }, index) => this.button(
+                name, () => this.toggle(index), () => this.view.sides.includes(index))))] : []),
             ...(this.scene.lights.length > 1
                 ? [this.select('lights', 'Light', this.scene.lights.map((set, i) => [i, set.name]))] : []),
-            this.slider('lightAzimuth', 'Light from', -180, 180, 1, degrees),
             this.slider('lightHeight', 'Light height', -90, 90, 1, degrees),
             this.slider('exposure', 'Exposure', -5, 5, 0.1, (x) => `${x > 0 ? '+' : ''}${x.toFixed(1)} EV`),
-            this.slider('widen', 'Added roughness', 0, 0.8, 0.01, (x) => x.toFixed(2)),
             this.slider('distance', 'Distance', -1, 5, 0.01, (x) => (2 ** x).toFixed(2), Math.log2, (x) => 2 ** x),
-            this.slider('tiling', 'Texture scale', -3, 3, 0.1, (x) => `×${(2 ** x).toFixed(2)}`, Math.log2, (x) => 2 ** x),
+            this.slider('tiling', 'Texture scale', -5, 5, 0.1, (x) => `×${(2 ** x).toFixed(2)}`, Math.log2, (x) => 2 ** x),
+            this.slider('widen', 'Added roughness', 0, 0.8, 0.01, (x) => x.toFixed(2)),
             this.select('pixels', 'Size of a pixel', [[1, 'as the screen'], [2, '×2'], [4, '×4'], [8, '×8']]),
-            this.select('show', 'Show', SHOWN.map((name, i) => [i, name])),
-            ...(several ? [this.slider('gain', 'Difference gain', 0, 5, 0.1, (x) => `×${(2 ** x).toFixed(1)}`,
-                Math.log2, (x) => 2 ** x)] : []),
+            this.select('show', 'Channel', SHOWN.map((name, i) => [i, name])),
+            ...(several ? [
+                this.group('Compare', [this.button('Differences', () => this.change({ differ: !this.view.differ }), () => this.view.differ,
+                    'how the other pictures differ from the one to the right: dark for none')]),
+                this.slider('gain', 'Difference gain', 0, 5, 0.1, (x) => `×${(2 ** x).toFixed(1)}`, Math.log2, (x) => 2 ** x),
+            ] : []),
             reset);
         const keys = element('dl', {}, ...KEYS.flatMap(([key, what]) => [element('dt', {}, key), element('dd', {}, what)]));
-        this.root.replaceChildren(top, this.stage, this.status,
-            element('details', { class: 'mv-more' }, element('summary', {}, 'Light, distance and what is shown'), panel),
-            element('details', { class: 'mv-keys' }, element('summary', {}, 'Keys and gestures'),
-                element('p', {}, 'Drag to look around, click and turn the wheel or pinch for the distance, drag the divider.'), keys));
+        this.root.replaceChildren(this.stage, bar, this.status,
+            element('details', { class: 'mv-more' }, element('summary', {}, 'More light, distance and channels; keys'), panel,
+                element('p', {}, 'Drag to look around, click and turn the wheel or pinch for the distance, drag a divider.'), keys));
         this.listen();
+    }
+
+    // What is shown or not; one picture at least is.
+    toggle(index) {
+        const { sides } = this.view, chosen = sides.includes(index) ? sides.filter((side) => side !== index) : [...sides, index].sort();
+        if (chosen.length && chosen.length <= SIDES) this.change({ sides: chosen, dividers: [] });
+    }
+
+    group(label, buttons) {
+        return element('div', { class: 'mv-group', role: 'group', 'aria-label': label }, ...buttons);
+    }
+
+    button(label, act, pressed, title = null) {
+        const button = element('button', { type: 'button', title }, label);
+        button.addEventListener('click', act);
+        this.controls[label] = () => button.setAttribute('aria-pressed', pressed());
+        return button;
     }
 
     select(key, label, options) {
         const select = element('select', {}, ...options.map(([value, text]) => element('option', { value }, text)));
         select.addEventListener('change', () => {
-            const value = key === 'shape' || key === 'mode' ? select.value : Number(select.value);
-            const more = key === 'shape' ? Viewer.pose(value)
-                : key === 'lights' ? { lightHeight: this.scene.lights[value].height, lightAzimuth: 0 } : {};
+            const value = Number(select.value);
+            const more = key === 'lights' ? { lightHeight: this.scene.lights[value].height, lightAzimuth: 0 } : {};
             this.change({ [key]: value, ...more });
         });
         this.controls[key] = () => { select.value = this.view[key]; };
@@ -127,13 +136,6 @@ class Viewer {
             input.setAttribute('aria-valuetext', shown.textContent);
         };
         return element('label', { class: 'mv-field' }, element('span', {}, label, ' ', shown), input);
-    }
-
-    checkbox(key, label) {
-        const input = element('input', { type: 'checkbox' });
-        input.addEventListener('change', () => this.change({ [key]: input.checked }));
-        this.controls[key] = () => { input.checked = this.view[key]; };
-        return element('label', { class: 'mv-check' }, input, label);
     }
 
     // ---- hands and keys
@@ -160,24 +162,26 @@ class Viewer {
         for (const end of ['pointerup', 'pointercancel']) {
             this.canvas.addEventListener(end, (event) => fingers.delete(event.pointerId));
         }
-        this.canvas.addEventListener('wheel', (event) => {
+        this.stage.addEventListener('wheel', (event) => {
             // Until it was clicked, whoever scrolls past wants the rest of the page. Ctrl is how trackpads pinch.
             if (!this.stage.contains(document.activeElement) && !event.ctrlKey) return;
             event.preventDefault();
             const lines = event.deltaMode === 1 ? 30 : event.deltaMode === 2 ? 400 : 1;
             this.change({ distance: this.view.distance * Math.exp(clamp(0.0012 * lines * event.deltaY, -0.5, 0.5)) });
         }, { passive: false });
-        this.divider.addEventListener('pointerdown', (event) => this.divider.setPointerCapture(event.pointerId));
-        this.divider.addEventListener('pointermove', (event) => {
-            if (!this.divider.hasPointerCapture(event.pointerId)) return;
-            const box = this.stage.getBoundingClientRect();
-            this.change({ divider: (event.clientX - box.left) / box.width });
-        });
-        this.divider.addEventListener('keydown', (event) => {
-            const step = { ArrowLeft: -0.02, ArrowRight: 0.02, Home: -1, End: 1 }[event.key];
-            if (!step) return;
-            event.preventDefault();
-            this.change({ divider: this.view.divider + step });
+        this.dividers.forEach((divider, index) => {
+            divider.addEventListener('pointerdown', (event) => divider.setPointerCapture(event.pointerId));
+            divider.addEventListener('pointermove', (event) => {
+                if (!divider.hasPointerCapture(event.pointerId)) return;
+                const box = this.stage.getBoundingClientRect();
+                this.divide(index, (event.clientX - box.left) / box.width);
+            });
+            divider.addEventListener('keydown', (event) => {
+                const step = { ArrowLeft: -0.02, ArrowRight: 0.02, Home: -1, End: 1 }[event.key];
+                if (!step) return;
+                event.preventDefault();
+                this.divide(index, this.view.dividers[index] + step);
+            });
         });
         this.canvas.addEventListener('keydown', (event) => {
             if (event.ctrlKey || event.metaKey || event.altKey || !this.act(event.key)) return;
@@ -186,22 +190,34 @@ class Viewer {
     }
 
     act(key) {
-        const { view } = this, shapes = Object.keys(SHAPES), source = this.choices.length - 1;
-        const compare = (mode) => this.choices.length > 1 && this.change({ mode });
+        const { view } = this;
         const actions = {
             ArrowLeft: () => this.orbit(-3, 0), ArrowRight: () => this.orbit(3, 0),
             ArrowUp: () => this.orbit(0, 2), ArrowDown: () => this.orbit(0, -2),
             '+': () => this.change({ distance: view.distance / 1.1 }), '=': () => this.change({ distance: view.distance / 1.1 }),
             '-': () => this.change({ distance: view.distance * 1.1 }),
-            '[': () => this.change({ divider: view.divider - 0.05 }), ']': () => this.change({ divider: view.divider + 0.05 }),
-            's': () => compare('split'), 'd': () => compare('difference'), 'a': () => compare('one'),
-            'r': () => this.scene.source && this.change({ b: view.b === source ? this.methodB : source }),
-            ' ': () => this.change({ turning: !view.turning }),
+            '[': () => this.divide(0, view.dividers[0] - 0.05), ']': () => this.divide(0, view.dividers[0] + 0.05),
+            'd': () => this.change({ differ: !view.differ }), 'l': () => this.change({ lampMoves: !view.lampMoves }),
+            ' ': () => this.change({ cameraMoves: !view.cameraMoves }),
         };
-        shapes.forEach((shape, i) => { actions[i + 1] = () => this.change({ shape, ...Viewer.pose(shape) }); });
+        for (const away of Object.keys(AWAY)) actions[away[0]] = () => this.change({ away });
+        Object.keys(SHAPES).forEach((shape, i) => { actions[i + 1] = () => this.change({ shape, away: view.away || 'middle' }); });
         if (!(key in actions)) return false;
         actions[key]();
         return true;
+    }
+
+    // Dividers that part what is seen evenly: the picture, or the round shape in it.
+    even(count) {
+        const { width, height } = this.stage.getBoundingClientRect();
+        const seen = Math.min(SHAPES[this.view.shape].seen * height / Math.max(width, 1), 1);
+        return Array.from({ length: count - 1 }, (_, i) => 0.5 + seen * ((i + 1) / count - 0.5));
+    }
+
+    // Moves a divider, and the other one where it is in the way.
+    divide(index, to) {
+        const at = clamp(to, 0, 1);
+        this.change({ dividers: this.view.dividers.map((place, i) => (i === index ? at : i < index ? Math.min(place, at) : Math.max(place, at))) });
     }
 
     orbit(azimuth, elevation) {
@@ -211,23 +227,30 @@ class Viewer {
     // ---- drawing
 
     change(changes = {}) {
-        const view = Object.assign(this.view, changes);
+        if ('shape' in changes && changes.shape !== this.view.shape && !changes.dividers) this.view.dividers = [];
+        const view = Object.assign(this.view, changes), count = view.sides.length;
+        if (!changes.away && ['distance', 'tiling'].some((key) => key in changes)) view.away = '';
+        if (view.away && ['away', 'shape'].some((key) => key in changes)) this.pose = null;
         view.elevation = clamp(view.elevation, view.shape === 'plane' ? 1 : -60, 90);
         view.distance = clamp(view.distance, view.shape === 'plane' ? 0.5 : 1.5, 32);
-        view.divider = clamp(view.divider, 0, 1);
-        if (this.choices[view.b] !== this.scene.source) this.methodB = view.b;
+        if (view.dividers.length !== count - 1) view.dividers = this.even(count);
         Object.values(this.controls).forEach((update) => update());
-        const split = view.mode === 'split', percent = Math.round(100 * view.divider);
-        this.stage.style.setProperty('--mv-divider', `${100 * view.divider}%`);
-        this.divider.hidden = !split;
-        this.divider.setAttribute('aria-valuenow', percent);
+        this.dividers.forEach((divider, index) => {
+            divider.hidden = index >= count - 1;
+            divider.style.left = `${100 * view.dividers[index]}%`;
+            divider.setAttribute('aria-valuenow', Math.round(100 * view.dividers[index]));
+        });
+        const places = [0, ...view.dividers, 1];
+        this.names.forEach((name, index) => {
+            name.hidden = index >= count;
+            if (name.hidden) return;
+            const said = this.choices[view.sides[index]].name, last = this.choices[view.sides[count - 1]].name;
+            name.textContent = view.differ && index < count - 1 ? `|${said} − ${last}|` : said;
+            name.style.setProperty('--mv-from', `${100 * places[index]}%`);
+            name.style.setProperty('--mv-width', `${100 * (places[index + 1] - places[index])}%`);
+        });
         this.canvas.style.imageRendering = view.pixels > 1 ? 'pixelated' : 'auto';
-        const [a, b] = [this.choices[view.a].name, (this.choices[view.b] ?? this.choices[0]).name];
-        this.nameA.textContent = view.mode === 'difference' ? `|${a} − ${b}|` : a;
-        this.nameB.textContent = b;
-        this.nameB.hidden = !split;
-        const composition = ['mode', 'divider', 'gain', 'exposure'];  // these only compose the sides anew
-        if (!Object.keys(changes).length || Object.keys(changes).some((key) => !composition.includes(key))) this.gathered = null;
+        if (!Object.keys(changes).length || Object.keys(changes).some((key) => !['gain', 'exposure'].includes(key))) this.gathered = null;
         this.schedule();
     }
 
@@ -247,13 +270,13 @@ class Viewer {
 
     // Samples of the reference at rest: many lights cost as much as many samples.
     budget() {
-        return this.scene.lights[this.view.lights].directions.length > 8 ? 256 : 1024;
+        return this.scene.lights[this.view.lights].directions.length > 8 ? 128 : 512;
     }
 
     // How many samples to draw at a time, so that the page stays responsive on slow devices and fast ones are quick.
     pace(now) {
         const took = this.lastPass ? now - this.lastPass : 60;
-        this.each = clamp(took > 120 ? this.each / 2 : took < 40 ? this.each * 2 : this.each, 8, 64);
+        this.each = clamp(took > 120 ? this.each / 2 : took < 40 ? this.each * 2 : this.each, 2, 64);
         this.lastPass = now;
         return this.each;
     }
@@ -263,52 +286,54 @@ class Viewer {
         return [r, g, b];
     }
 
+    // Lamp and camera go on by what has passed since the last frame.
+    move(now) {
+        const { view } = this, moving = view.lampMoves || view.cameraMoves;
+        const passed = moving && this.last ? Math.min((now - this.last) / 1000, 0.1) : 0;
+        this.last = moving ? now : null;
+        if (view.cameraMoves) view.azimuth += 6 * passed;
+        if (view.lampMoves) {
+            this.swing = (this.swing ?? 0) + passed;
+            view.lightAzimuth = LAMP.degrees * Math.sin(2 * Math.PI * this.swing / LAMP.seconds);
+            this.controls.lightAzimuth();
+        }
+        if (moving) this.gathered = null;
+        return moving;
+    }
+
     async frame(now) {
-        const { view, renderer, scene } = this;
-        const sides = [this.choices[view.a], this.choices[view.b] ?? this.choices[0]];
-        const needed = view.mode === 'one' ? sides.slice(0, 1) : sides;
+        const { view, renderer, scene } = this, sides = view.sides.map((index) => this.choices[index]);
         if (scene.texels) {
             this.status.textContent = 'Unpacking …';
             await renderer.load();
         }
-        if (view.turning && this.last) this.view.azimuth += 6 * Math.min((now - this.last) / 1000, 0.1);
-        this.last = view.turning ? now : null;
-        const ratio = Math.min(devicePixelRatio, 2) / view.pixels, box = this.stage.getBoundingClientRect();
-        const [width, height] = [box.width, box.height].map((x) => Math.max(1, Math.round(x * ratio)));
+        const moving = this.move(now), device = Math.min(devicePixelRatio, 2), box = this.stage.getBoundingClientRect();
+        const [width, height] = [box.width, box.height].map((x) => Math.max(1, Math.round(x * device / view.pixels)));
         if (this.canvas.width !== width || this.canvas.height !== height) Object.assign(this.canvas, { width, height });
-        if (renderer.resize(width, height) || view.turning) this.gathered = null;
-        const fresh = this.gathered === null, budget = this.budget(), reference = needed.includes(scene.source);
+        if (renderer.resize(width, height)) this.gathered = null;
+        if (view.away && this.pose !== height * view.pixels) {  // as the reader left it, but for the first time and in a new size
+            const { azimuth, elevation, ...rest } = posed(view.shape, view.away, height * view.pixels, this.choices[0]);
+            Object.assign(view, rest, this.pose ? {} : { azimuth, elevation });
+            this.pose = height * view.pixels;
+            Object.values(this.controls).forEach((update) => update());
+        }
+        const fresh = this.gathered === null, budget = this.budget(), reference = sides.includes(scene.source);
         if (fresh) this.gathered = 0;
         const samples = reference ? Math.min(this.pace(now), budget - this.gathered) : 0;
-        needed.forEach((stack, side) => {
-            if (stack !== scene.source && fresh) renderer.drawSide(side, stack, view, 0, 0);
-            else if (stack === scene.source && samples) renderer.drawSide(side, stack, view, samples, this.gathered);
+        const columns = view.dividers.map((place) => Math.round(place * width)), last = sides.length - 1;
+        sides.forEach((stack, side) => {
+            const part = view.differ && side === last ? [0, width] : [columns[side - 1] ?? 0, columns[side] ?? width];
+            if (stack !== scene.source && fresh) renderer.drawSide(side, stack, view, 0, 0, part);
+            else if (stack === scene.source && samples) renderer.drawSide(side, stack, view, samples, this.gathered, part);
         });
         this.gathered += samples;
-        renderer.present(view, this.background());
+        renderer.present(view, sides.length, columns, this.background());
         const waiting = reference && this.gathered < budget;
         if (!waiting) this.lastPass = null;
-        if (!reference) this.status.textContent = `One lookup for each pixel${view.mode === 'one' ? '' : ', on both sides'}.`;
-        else if (view.turning) this.status.textContent = `While it turns the truth has ${samples} samples for each pixel: its grain is noise, not shimmer.`;
-        else if (waiting) this.status.textContent = `Truth: ${this.gathered} of ${budget} samples for each pixel`;
-        else if (samples) this.status.textContent = this.verdict(sides, budget);
-        if (view.turning || waiting) this.schedule();
-    }
-
-    // How far the method is from the reference in this view: 10 log10(sum R^2 / sum (P - R)^2) over the surface.
-    verdict(sides, samples) {
-        const gathered = `${samples} samples for each pixel of the truth`;
-        if (this.view.mode === 'one' || sides[0] === sides[1] || this.view.show !== 0) return `${gathered}.`;
-        const reference = sides[0] === this.scene.source ? 0 : 1;
-        const r = this.renderer.read(reference), p = this.renderer.read(1 - reference);
-        let signal = 0, error = 0;
-        for (let i = 0; i < r.length; ++i) {
-            if (i % 4 === 3) continue;
-            signal += r[i] ** 2;
-            error += (p[i] - r[i]) ** 2;
-        }
-        const decibels = 10 * Math.log10(signal / Math.max(error, 1e-30));
-        return `SNR of ${sides[1 - reference].name} in this view: ${decibels.toFixed(1)} dB (${gathered}, their noise counted as error).`;
+        this.status.textContent = !reference ? 'One lookup for each pixel, as engines draw.'
+            : moving ? `Truth: the source as it should look. In motion it has ${samples} samples for each pixel: its grain is noise, not shimmer.`
+                : `Truth: the source as it should look, the mean of ${this.gathered} samples for each pixel${waiting ? ' …' : '.'}`;
+        if (moving || waiting) this.schedule();
     }
 
     // For scripts: changes the view and resolves when nothing is left to draw. It never does while the shape turns.
