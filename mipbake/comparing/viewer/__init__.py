@@ -65,11 +65,11 @@ def _soft_box(towards: ArrayLike, half_width: float, strength: float, colour: Ar
 
 def _light_sets() -> tuple[LightSet, ...]:
     one = np.array([[0.0, 0.0, 1.0]])
-    three = np.array([[-0.5, 0.62, 0.6], [0.85, 0.4, 0.35], [0.1, 0.45, -0.9]])
+    three = np.array([[-0.5, 0.62, 0.6], [0.85, 0.4, 0.35], [0.0, 0.45, -0.9]])
     boxes = (
         _soft_box([-0.6, 0.7, 0.6], 0.22, 2.2 * math.pi, [1.0, 0.97, 0.92]),
         _soft_box([0.9, 0.45, 0.3], 0.22, 1.0 * math.pi, [0.86, 0.93, 1.0]),
-        _soft_box([0.2, 0.5, -0.9], 0.22, 1.2 * math.pi, [1.0, 1.0, 1.0]),
+        _soft_box([0.0, 0.5, -0.9], 0.22, 1.2 * math.pi, [1.0, 1.0, 1.0]),
     )
     return (
         LightSet(
@@ -83,7 +83,8 @@ def _light_sets() -> tuple[LightSet, ...]:
 
 
 LIGHTS: tuple[LightSet, ...] = _light_sets()
-"""Three separate lights, one light, and three soft boxes of nine lights each; the first one at first."""
+"""Three separate lights, one light, and three soft boxes of nine lights each; the first one at first. A floor mirrors
+one of them in the middle of its picture."""
 
 
 def viewer_fragment(stacks: Mapping[str, MipStack], source: FilteredSource | None = None, half: bool = False) -> str:

@@ -180,17 +180,18 @@ class Renderer {
         this.gl.uniform1i(program.uniforms[name], unit);
     }
 
-    // Draws the columns from `left` to `right` of a side: a stack once per pixel (samples = 0), or `samples` of the
-    // reference after `gathered` others.
-    drawSide(index, stack, view, samples, gathered, [left, right]) {
-        const gl = this.gl, [front, back] = this.sides[index], [width, height] = this.size;
+    // Draws the columns from `left` to `right` of a side, of a picture from column `from` to `to`: a stack once per pixel
+    // (samples = 0), or `samples` of the reference after `gathered` others.
+    drawSide(index, stack, view, samples, gathered, [left, right], [from, to]) {
+        const gl = this.gl, [front, back] = this.sides[index], width = to - from, height = this.size[1];
+        if (right <= left || to <= from) return;
         const program = this.program(stack.model, VERTEX_SHADER, fragmentShader(stack.model));
         const shape = SHAPES[view.shape], lights = this.scene.lights[view.lights], { eye, clip } = camera(view, width / height);
         const u = program.uniforms, flat = (rows) => new Float32Array(rows.flat());
         gl.bindFramebuffer(gl.FRAMEBUFFER, back.framebuffer);
-        gl.viewport(0, 0, width, height);
+        gl.viewport(from, 0, width, height);
         gl.enable(gl.SCISSOR_TEST);
-        gl.scissor(left, 0, Math.max(right - left, 0), height);
+        gl.scissor(left, 0, right - left, height);
         gl.enable(gl.DEPTH_TEST);
         gl.enable(gl.CULL_FACE);
         gl.clearColor(0, 0, 0, 0);

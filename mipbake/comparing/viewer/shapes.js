@@ -140,10 +140,12 @@ const AWAY = {
     far: { label: 'Far', lod: 4, elevation: 22, title: 'eight texels and more across a pixel: levels of detail 3 and more' },
 };
 
-// How a shape is seen near, at middle distance or far: textures that repeat are scaled, others are moved away from.
-function posed(shape, away, rows, stack) {
-    const { perUnit, tiles, span, front, azimuth, distance } = SHAPES[shape];
-    const { lod, elevation: above } = AWAY[away], flat = shape === 'plane', elevation = flat ? above : SHAPES[shape].elevation;
+// How a shape is seen near, at middle distance or far, in a picture of so many rows: textures that repeat are scaled,
+// others are moved away from. A round shape fits into the picture's width.
+function posed(shape, away, rows, aspect, stack) {
+    const { perUnit, tiles, span, front, seen, azimuth } = SHAPES[shape], flat = shape === 'plane';
+    const { lod, elevation: above } = AWAY[away], elevation = flat ? above : SHAPES[shape].elevation;
+    const distance = SHAPES[shape].distance * (flat ? 1 : Math.max(1, 1.08 * seen / aspect));
     const slant = flat ? Math.sin(elevation * Math.PI / 180) : 1, pixel = 2 * Math.tan(FIELD_OF_VIEW / 2) / rows;
     const texels = 2 ** lod * slant / pixel;  // across what lies at unit distance, were it one unit of uv
     if (stack.wrap[0] === 'wrap') return { azimuth, elevation, distance, tiling: texels / ((distance - front) * perUnit * tiles * stack.sizes[0][1]) };

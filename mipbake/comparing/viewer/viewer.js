@@ -2,7 +2,7 @@
 
 const SHOWN = ['Shaded', 'Diffuse albedo', 'Reflectance at normal incidence', 'Normal', 'Roughness', 'Level of detail'];
 const KEYS = [
-    ['arrows', 'look around'], ['+ −', 'closer, farther'], ['n m f', 'near, middle distance, far'], ['[ ]', 'move the first divider'],
+    ['arrows', 'look around'], ['+ −', 'closer, farther'], ['n m f', 'near, middle distance, far'], ['b', 'beside each other, or one picture divided'], ['[ ]', 'move the first divider'],
     ['1 2 3', 'floor, sphere, ball'], ['l', 'move the lamp'], ['space', 'move the camera'], ['d', 'differences from what is to the right'],
 ];
 const LAMP = { degrees: 30, seconds: 7 };  // how far a lamp moves to either side, and how long it takes to be back
@@ -26,13 +26,13 @@ class Viewer {
         Object.assign(scene, { source: truth, stacks });
         this.choices = truth ? [...stacks, truth] : stacks;
         this.view = {
-            sides: this.choices.map((_, index) => index).slice(0, SIDES), dividers: [], shape: 'plane', away: 'middle', differ: false,
+            sides: this.choices.map((_, index) => index).slice(0, SIDES), dividers: [], shape: 'plane', away: 'middle', beside: true, differ: false,
             gain: 4, exposure: 0, show: 0, widen: 0, pixels: 1, tiling: 1, distance: 5, azimuth: 0, elevation: 30,
             lights: 0, lightAzimuth: 0, lightHeight: scene.lights[0].height, lampMoves: false, cameraMoves: false,
         };
         const kept = keptView();
         Object.assign(this.view, kept);
-        this.pose = 'azimuth' in kept ? -1 : null;  // the canvas height that the view was posed for: none, and never mind
+        this.pose = 'azimuth' in kept ? 'kept' : null;  // the size of the picture that the view was posed for
         this.controls = {};
         this.each = 4;
         this.build();
@@ -86,8 +86,11 @@ class Viewer {
             this.select('pixels', 'Size of a pixel', [[1, 'as the screen'], [2, '×2'], [4, '×4'], [8, '×8']]),
             this.select('show', 'Channel', SHOWN.map((name, i) => [i, name])),
             ...(several ? [
-                this.group('Compare', [this.button('Differences', () => this.change({ differ: !this.view.differ }), () => this.view.differ,
-                    'how the other pictures differ from the one to the right: dark for none')]),
+                this.group('Compare', [
+                    this.button('One picture, divided', () => this.change({ beside: !this.view.beside }), () => !this.view.beside),
+                    this.button('Differences', () => this.change({ differ: !this.view.differ }), () => this.view.differ,
+                        'how the other pictures differ from the one to the right: dark for none'),
+                ]),
                 this.slider('gain', 'Difference gain', 0, 5, 0.1, (x) => `×${(2 ** x).toFixed(1)}`, Math.log2, (x) => 2 ** x),
             ] : []),
             reset);
@@ -197,6 +200,7 @@ class Viewer {
             '+': () => this.change({ distance: view.distance / 1.1 }), '=': () => this.change({ distance: view.distance / 1.1 }),
             '-': () => this.change({ distance: view.distance * 1.1 }),
             '[': () => this.divide(0, view.dividers[0] - 0.05), ']': () => this.divide(0, view.dividers[0] + 0.05),
+            'b': () => this.change({ beside: !view.beside }),
             'd': () => this.change({ differ: !view.differ }), 'l': () => this.change({ lampMoves: !view.lampMoves }),
             ' ': () => this.change({ cameraMoves: !view.cameraMoves }),
         };
@@ -205,6 +209,16 @@ class Viewer {
         if (!(key in actions)) return false;
         actions[key]();
         return true;
+    }
+
+    // Whether every side shows the whole picture. Otherwise dividers part one picture, as differences do.
+    beside() {
+        return this.view.beside && !this.view.differ;
+    }
+
+    // Where one side ends and the next begins, as shares of the width.
+    lines() {
+        return this.beside() ? this.view.dividers.map((_, i, all) => (i + 1) / (all.length + 1)) : this.view.dividers;
     }
 
     // Dividers that part what is seen evenly: the picture, or the round shape in it.
@@ -235,12 +249,15 @@ class Viewer {
         view.distance = clamp(view.distance, view.shape === 'plane' ? 0.5 : 1.5, 32);
         if (view.dividers.length !== count - 1) view.dividers = this.even(count);
         Object.values(this.controls).forEach((update) => update());
+        const lines = this.lines();
         this.dividers.forEach((divider, index) => {
             divider.hidden = index >= count - 1;
-            divider.style.left = `${100 * view.dividers[index]}%`;
-            divider.setAttribute('aria-valuenow', Math.round(100 * view.dividers[index]));
+            divider.classList.toggle('mv-fixed', this.beside());
+            divider.tabIndex = this.beside() ? -1 : 0;
+            divider.style.left = `${100 * lines[index]}%`;
+            divider.setAttribute('aria-valuenow', Math.round(100 * lines[index]));
         });
-        const places = [0, ...view.dividers, 1];
+        const places = [0, ...lines, 1];
         this.names.forEach((name, index) => {
             name.hidden = index >= count;
             if (name.hidden) return;
@@ -311,20 +328,23 @@ class Viewer {
         const [width, height] = [box.width, box.height].map((x) => Math.max(1, Math.round(x * device / view.pixels)));
         if (this.canvas.width !== width || this.canvas.height !== height) Object.assign(this.canvas, { width, height });
         if (renderer.resize(width, height)) this.gathered = null;
-        if (view.away && this.pose !== height * view.pixels) {  // as the reader left it, but for the first time and in a new size
-            const { azimuth, elevation, ...rest } = posed(view.shape, view.away, height * view.pixels, this.choices[0]);
+        const columns = this.lines().map((place) => Math.round(place * width)), last = sides.length - 1, beside = this.beside();
+        const aspect = (beside ? width / sides.length : width) / height, size = `${height * view.pixels} ${aspect.toFixed(2)}`;
+        if (view.away && this.pose !== size) {  // as the reader left it, but for the first time and in a new size
+            const { azimuth, elevation, ...rest } = posed(view.shape, view.away, height * view.pixels, aspect, this.choices[0]);
             Object.assign(view, rest, this.pose ? {} : { azimuth, elevation });
-            this.pose = height * view.pixels;
+            this.pose = size;
+            this.gathered = null;
             Object.values(this.controls).forEach((update) => update());
         }
         const fresh = this.gathered === null, budget = this.budget(), reference = sides.includes(scene.source);
         if (fresh) this.gathered = 0;
         const samples = reference ? Math.min(this.pace(now), budget - this.gathered) : 0;
-        const columns = view.dividers.map((place) => Math.round(place * width)), last = sides.length - 1;
         sides.forEach((stack, side) => {
             const part = view.differ && side === last ? [0, width] : [columns[side - 1] ?? 0, columns[side] ?? width];
-            if (stack !== scene.source && fresh) renderer.drawSide(side, stack, view, 0, 0, part);
-            else if (stack === scene.source && samples) renderer.drawSide(side, stack, view, samples, this.gathered, part);
+            const picture = beside ? part : [0, width];
+            if (stack !== scene.source && fresh) renderer.drawSide(side, stack, view, 0, 0, part, picture);
+            else if (stack === scene.source && samples) renderer.drawSide(side, stack, view, samples, this.gathered, part, picture);
         });
         this.gathered += samples;
         renderer.present(view, sides.length, columns, this.background());
