@@ -38,7 +38,7 @@ class Picture:
         return element("img", src=self.uri, alt=alt, decoding="async", **size, **attributes)
 
 
-def encoded(pixels: NDArray[np.uint8], quality: int = 90) -> Picture:
+def encoded(pixels: NDArray[np.uint8], quality: int = 85) -> Picture:
     """(H, W, 3) sRGB-encoded pixels, top row first, as WebP; small pictures, which are shown enlarged, without loss."""
     from PIL import Image
 
