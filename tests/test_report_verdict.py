@@ -45,7 +45,7 @@ def test_the_verdict_says_who_wins_where_and_by_how_much() -> None:
     places = [("near-mirror", "near"), ("near-mirror", "far"), ("hemisphere", "near"), ("hemisphere", "far")]
     figures = [snr(name, *place, v) for name, row in values.items() for place, v in zip(places, row, strict=True)]
     found = verdict(compared(figures))
-    assert found.sentence == (
+    assert found.details == (
         "neural beats the best closed form of each scale near the mirror at every scale (by 1.0 to 4.0 dB) and over "
         "the hemisphere at far (by 2.5 dB) and loses to it over the hemisphere at near (by 3.0 dB); it beats linear "
         "(box) near the mirror at every scale (by 4.0 dB) and over the hemisphere at far (by 4.0 dB) and shows no "
@@ -60,10 +60,10 @@ def test_the_verdict_says_who_wins_where_and_by_how_much() -> None:
 def test_intervals_that_overlap_show_no_difference() -> None:
     names = FEW[:2]
     figures = [snr("neural", "near-mirror", "near", 15, 2), snr("linear (box)", "near-mirror", "near", 12, 1.5)]
-    assert verdict(compared(figures, names)).sentence == "neural shows no difference from linear (box) at any scale."
+    assert verdict(compared(figures, names)).details == "neural shows no difference from linear (box) at any scale."
     worse = snr("lean (gaussian)", "near-mirror", "near", 1, 0.1)
     said = "neural shows no difference from linear (box), the best closed form, at any scale."
-    assert verdict(compared([*figures, worse])).sentence == said
+    assert verdict(compared([*figures, worse])).details == said
     without = [replace(f, low=math.nan, high=math.nan) for f in figures]
     for changed, outcome in (
         ([figures[0], snr("linear (box)", "near-mirror", "near", 12, 0.9)], 1),
@@ -118,11 +118,68 @@ def test_renders_have_a_say() -> None:
 
 
 def test_a_verdict_without_figures() -> None:
-    assert verdict(compared([])).sentence == "Nothing was measured that neural could be compared by."
+    assert verdict(compared([])).details == "Nothing was measured that neural could be compared by."
     only = verdict(compared([snr("neural", "hemisphere", "near", 20)], FEW[:1]))
     assert only.closed == only.linear == ()
     nan = [snr("neural", "hemisphere", "near", math.nan), snr("linear (box)", "hemisphere", "near", 3)]
     assert verdict(compared(nan)).closed == ()
+
+
+# ---- in words
+
+
+def seen(near: float, middle: float, far: float, name: str = "neural", measure: str = "jod-37") -> list[Figure]:
+    """Figures of a wall, a sphere and a floor, by how far they are ahead of plain MIP maps with 9 JOD."""
+    films = {"wall": (0.25, near), "sphere": (1.0, middle), "floor": (3.7, far)}
+    return [
+        Figure(method, measure, f"film-{film}", "", lod, 9 + own, math.nan, math.nan)
+        for film, (lod, ahead) in films.items()
+        for method, own in ((name, ahead), ("linear (box)", 0.0))
+    ]
+
+
+@pytest.mark.parametrize(
+    ("ahead", "sentence"),
+    [
+        (
+            (0.05, 0.2, 0.9),
+            "Calmer and truer to the source from middle distance on; no visible gain near. Recommended.",
+        ),
+        (
+            (0.0, -0.09, 0.09),
+            "No visible gain at any distance. Plain MIP maps look the same on this set: --method linear --filter box "
+            "writes them.",
+        ),
+        (
+            (-0.2, 0.0, 0.2),
+            "Calmer and truer to the source far away; no visible gain at middle distance; worse than plain MIP maps "
+            "near. Recommended with --keep-level0, which leaves the finest level as it is.",
+        ),
+    ],
+)
+def test_the_verdict_says_in_words_what_films_show(ahead: tuple[float, float, float], sentence: str) -> None:
+    found = verdict(compared(seen(*ahead)))
+    assert found.sentence == sentence
+    assert not re.search(r"[0-9]\.[0-9]|JOD|dB|neural|SNR|FLIP", found.sentence)
+
+
+def test_the_verdict_says_what_looks_better() -> None:
+    lean = seen(0.0, 0.3, 0.3, "lean (gaussian)")
+    for ahead, said in (((0.0, 0.0, -0.4), "Try "), ((0.0, 0.0, 0.0), "Plain MIP maps look the same")):
+        sentence = verdict(compared([*seen(*ahead), *lean])).sentence
+        assert said in sentence and "--method lean --filter gaussian" in sentence
+    assert verdict(compared([*seen(0.2, 0.2, 0.2), *lean])).sentence.endswith("Recommended.")
+
+
+def test_renders_speak_where_there_are_no_films() -> None:
+    flip = {"neural": 0.08, "linear (box)": 0.107, "lean (gaussian)": 0.082}
+    comparison = made_up(FEW, 16)
+    changed = [replace(f, value=flip[f.method]) if f.measure == "flip" else f for f in comparison.figures]
+    changed = [replace(f, lod=dict(near=0.0, middle=3.0, far=7.0).get(f.scale, 0.5)) for f in changed]
+    found = verdict(replace(comparison, figures=tuple(changed)))
+    assert found.sentence == "Calmer and truer to the source at every distance. Recommended."
+    assert "was not measured" in verdict(compared([])).sentence
+    assert "These are plain MIP maps" in verdict(compared([], ("linear (box)",))).sentence
 
 
 # ---- films
@@ -139,7 +196,7 @@ def with_films(figures: list[Figure], names: tuple[str, ...] = FEW, **changes: A
 
 def test_the_verdict_says_first_what_films_show() -> None:
     found = verdict(with_films(jods(floor=(9.0, 8.58, 8.2), wall=(9.7, 9.75, 9.4), sphere=(8.0, 8.05, 8.25))))
-    first, second = found.sentence.split(". ", 1)
+    first, second = found.details.split(". ", 1)
     assert first == (
         "In films, as ColorVideoVDP judges them, neural looks better than linear (box) on the floor (by 0.42 JOD) and "
         "shows no visible difference on the wall and the sphere; it looks better than the best closed form of each "
@@ -158,31 +215,31 @@ def test_a_tenth_of_a_jod_is_visible(ahead: float, outcome: int) -> None:
     assert [s.outcome for s in (*found.seen_closed, *found.seen_linear)] == [outcome] * 2
     words = {1: "looks better than linear (box) on the wall", -1: "looks worse than linear (box) on the wall"}
     assert f"neural {words.get(outcome, 'shows no visible difference from linear (box) on the wall.')}" in (
-        found.sentence
+        found.details
     )
-    assert found.sentence.count("linear (box) on the wall") == 1  # the best closed form is not told twice
+    assert found.details.count("linear (box) on the wall") == 1  # the best closed form is not told twice
 
 
 def test_films_without_a_difference_a_judge_or_a_rival() -> None:
-    sentence = verdict(with_films(jods(floor=(9, 9, 8.95), wall=(9, 8.97, 9)))).sentence
+    sentence = verdict(with_films(jods(floor=(9, 9, 8.95), wall=(9, 8.97, 9)))).details
     assert "neural shows no visible difference from linear (box) in any film; it shows no visible" in sentence
     flip = {"neural": 0.08, "linear (box)": 0.107, "lean (gaussian)": 0.082}
     found = verdict(with_films(film_figures("floor", {}, flip)))
-    assert found.sentence.startswith(
+    assert found.details.startswith(
         "In films, as FLIP judges them, neural looks better than linear (box) on the floor (0.080 instead of 0.107); "
         "it shows no visible difference from lean (gaussian), the best closed form of every film, on the floor. "
     )
-    assert verdict(made_up(FEW, 16)).sentence.startswith("neural beats")
+    assert verdict(made_up(FEW, 16)).details.startswith("neural beats")
     alone = verdict(with_films(film_figures("wall", {"neural": 9.0}), FEW[:1]))
-    assert alone.seen_closed == alone.seen_linear == () and alone.sentence == (
+    assert alone.seen_closed == alone.seen_linear == () and alone.details == (
         "neural was compared with no closed form. Its films have 9.00 on the wall, in JOD of ColorVideoVDP: 10 is no "
         "visible difference from the reference."
     )
     for names, value in ((FEW[:1], math.nan), (FEW[:2], 9.0)):  # nobody's figure, and a closed form without one
         nothing = with_films(film_figures("wall", {"neural": value}), names, rendered=())
-        assert "compared with no closed form" not in verdict(nothing).sentence
+        assert "compared with no closed form" not in verdict(nothing).details
     only = replace(made_up(FEW, 16), curve=(), figures=tuple(jods(wall=(9, 8, 7))))
-    assert verdict(only).sentence.startswith("In films") and verdict(only).sentence.endswith("(by 1.00 JOD).")
+    assert verdict(only).details.startswith("In films") and verdict(only).details.endswith("(by 1.00 JOD).")
 
 
 # ---- tables and curves

@@ -16,7 +16,7 @@ from mipbake.comparing.page.names import called
 from mipbake.comparing.page.scenes import films, other_films, pictures, plots
 from mipbake.comparing.page.tables import curve_table, measure_tables, seen_table
 from mipbake.comparing.page.texels import thumbnails, view
-from mipbake.comparing.page.verdict import verdict
+from mipbake.comparing.page.verdict import best_in_renders, verdict
 from mipbake.comparing.result import LINEAR, Comparison
 from mipbake.material.filtered_source import FilteredSource
 
@@ -79,6 +79,8 @@ def _details(comparison: Comparison, step: Callable[[], None]) -> Html:
     parts: list[tuple[str, str, Content]] = []
     if comparison.notes:
         parts.append(("notes", "Notes", bullets(comparison.notes)))
+    if comparison.figures:
+        parts.append(("decibels", "Verdict in decibels", _in_decibels(comparison)))
     if others := other_films(comparison):
         parts.append(("others", "Other methods in films", others))
     if comparison.rendered:
@@ -105,14 +107,23 @@ def _details(comparison: Comparison, step: Callable[[], None]) -> Html:
     return element("details", element("summary", f"Details: {what}"), sections, id="details")
 
 
+def _in_decibels(comparison: Comparison) -> list[Html]:
+    found = verdict(comparison)
+    sure = "where its 95 % interval, over the same light-view pairs for both methods, does not hold 0"
+    counts = (
+        "Decibels are of the signal-to-noise ratio (SNR): 10 dB more is a tenth of the squared error. A difference "
+        f"counts {sure if found.paired else 'where the 95 % intervals of the two figures do not overlap'}."
+    )
+    return [note(each) for each in (found.details, best_in_renders(comparison), counts) if each]
+
+
 def _section(key: str, title: str, content: Content) -> Html:
     return element("section", element("h2", title, id=f"{key}-title"), content, id=key, aria_labelledby=f"{key}-title")
 
 
 def _curves(comparison: Comparison) -> list[Html]:
     text = (
-        "The signal-to-noise ratio (SNR, in decibels) says how far a method is from the truth under single lights: 10 "
-        "dB more is a tenth of the squared error. Bands are 95 % intervals over light-view pairs. All methods were "
-        "measured with the same pairs, so differences between methods are surer than the bands suggest."
+        "Bands are 95 % intervals over light-view pairs. All methods were measured with the same pairs, so differences "
+        "between methods are surer than the bands suggest."
     )
     return [note(text), curves(comparison), folded("The curves as tables", curve_table(comparison))]

@@ -37,7 +37,8 @@ class Film {
     fit(ratio) {
         const { width } = this.sheets[0]?.canvas ?? {}, strip = this.root.querySelector('.strip');
         if (!width || this.root.closest('.others')) return;
-        const beside = innerWidth < 600 ? 2 : this.sheets.length, room = Math.floor((strip.clientWidth - 4 - 8 * (beside - 1)) / beside);
+        const beside = innerWidth < 600 ? 2 : this.sheets.length, words = innerWidth < 768 ? 0 : 240;
+        const room = Math.floor((this.root.clientWidth - words - 4 - 8 * (beside - 1)) / beside);
         const factor = Math.min(Math.floor(room * ratio / width), Math.max(Math.floor(ratio), 1));
         strip.style.setProperty('--width', `${factor ? factor * width / ratio : room}px`);
         strip.classList.toggle('smooth', !factor);

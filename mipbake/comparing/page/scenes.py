@@ -29,9 +29,9 @@ def _ordered(comparison: Comparison) -> list[str]:
 
 
 def films(comparison: Comparison, step: Callable[[], None]) -> Html:
-    """Films in step: plain MIP maps, the subject and the reference; `step` is called after each."""
+    """Films in step, near ones first: plain MIP maps, the subject and the reference; `step` is called after each."""
     made, names = [], dict.fromkeys((LINEAR, comparison.subject, REFERENCE))
-    for filmed in comparison.films:
+    for filmed in sorted(comparison.films, key=lambda filmed: filmed.scene.lod):
         shown = [
             _film(filmed, name, called(comparison, name))
             for name in names
