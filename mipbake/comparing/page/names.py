@@ -5,6 +5,7 @@ from __future__ import annotations
 from mipbake.baking.methods import METHODS
 from mipbake.comparing.result import LINEAR, Comparison
 from mipbake.comparing.viewer import TRUTH
+from mipbake.stack.verdict import distance_of
 
 REFERENCE = TRUTH
 """What a report calls the reference beside the methods."""
@@ -23,4 +24,4 @@ def called(comparison: Comparison, name: str) -> str:
 
 def distance(lod: float) -> str:
     """What a reader is shown as the distance of a surface whose median level of detail is `lod`."""
-    return "Near" if lod < 1 else "Middle distance" if lod < 3 else "Far"
+    return {"near": "Near", "middle": "Middle distance", "far": "Far"}[distance_of(lod)]
