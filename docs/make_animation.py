@@ -65,7 +65,7 @@ def main() -> None:
         append_images=images[1:],
         duration=50,
         loop=0,
-        quality=80,
+        quality=70,
         method=6,
     )
 

@@ -1,10 +1,10 @@
-"""Makes FOLDER/scales.png, which opens the README: spheres at four scales, plain MIP maps, mipbake, and reference.
+"""Makes FOLDER/scales.png, which opens the README: spheres at four scales, plain MIP maps, mipbake, and truth.
 
     python docs/make_picture.py FOLDER [--side 192] [--passes 4096] [--results FILE]
 
-Prints the SNR of every sphere against the reference, which also stands below it, and writes it to a file, from which
-the caption is made (`python docs/remake.py --measure picture` does both). The views are those that `mipbake compare`
-measures; radiance is shown as x / (1 + x), then sRGB.
+Prints the SNR of every sphere against the truth, and writes it to a file, from which the caption is made
+(`python docs/remake.py --measure picture` does both). The views are those that `mipbake compare` measures; radiance is
+shown as x / (1 + x), then sRGB.
 """
 
 from __future__ import annotations
@@ -29,8 +29,7 @@ def main() -> None:
         halves = reference.first[inside], reference.second[inside]
         snr = {name: snr_db(frame.image[inside], *halves) for name, frame in frames.items()}
         for name, frame in frames.items():
-            best = snr[name] == max(snr.values())
-            rows[name].append(pictures.Cell(pictures.shown(frame.image), [f"{snr[name]:.1f} dB"], [best]))
+            rows[name].append(pictures.Cell(pictures.shown(frame.image)))
         rows[pictures.REFERENCE].append(pictures.Cell(pictures.shown(reference.image)))
         found[scale] = {
             "snr": snr,

@@ -21,7 +21,7 @@ from mipbake.source.texture_set import TextureSet
 from mipbake.stack.stack import MipStack
 
 SET = Path(__file__).resolve().parent.parent / "examples" / "lacquered_leather"
-PLAIN, BAKED, REFERENCE = "linear", "mipbake", "reference"
+PLAIN, BAKED, REFERENCE = "plain MIP maps", "mipbake", "truth"
 GAP, HEAD, LINE, LEFT = 6, 24, 15, 118  # pixels
 
 GROUND = (13, 17, 23)  # the colour of GitHub's dark pages; on light ones the panel stands by itself

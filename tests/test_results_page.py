@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -90,20 +89,6 @@ def test_the_summary(page: Callable[[], str], tmp_path: Path) -> None:
     assert "closes 80% and 80%, and" in said and "72% and 72%." in said
     assert "by +2.5 dB near the mirror" in said
     assert max(map(len, lines.splitlines())) <= 120
-
-
-def test_blocks_of_the_readme(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.syspath_prepend(ROOT / "docs")
-    views, making = importlib.import_module("records.views").VIEWS, importlib.import_module("records.making")
-    more = WHOLE | {"godot (gaussian)": 11.0, "unreal (gaussian)": 12.5}
-    write(tmp_path, "whole", file("first", more), file("second", more | {"auto": 12.0}))
-    records = importlib.import_module("records.record").Records(tmp_path)
-    table = views["results-whole/table"](records)
-    assert row(table, "best of `linear` and `lean` for each set and level").endswith(" 12.0 |" * 6)
-    assert row(table, "Unreal Engine's rule (`unreal (gaussian)`)").endswith(" 12.5 |" * 6)
-    assert row(table, "mipbake (`auto`, the default)").endswith(" **14.0** |" * 6)
-    assert "means are over 2 real texture sets" in " ".join(views["results-whole/words"](records).split())
-    assert making.block("engines-three/gains", records) is None  # not measured: the page keeps what it has
 
 
 def test_no_results_is_a_sentence(page: Callable[[], str]) -> None:

@@ -50,6 +50,8 @@ def films(change: Change = lambda _method, _film: {}) -> dict[str, Any]:
         "sets": {
             name: {
                 "lighting": lighting,
+                "roughness": roughness,
+                "slope": 0.2,
                 "network": "some-weights",
                 "films": [
                     {
@@ -59,7 +61,7 @@ def films(change: Change = lambda _method, _film: {}) -> dict[str, Any]:
                     for sampler, scene in itertools.product(SAMPLERS, SCENES)
                 ],
             }
-            for name, lighting in (("a", "studio"), ("b", "sky"))
+            for name, lighting, roughness in (("a", "studio", 0.3), ("b", "sky", 0.9))
         },
     }  # fmt: skip
 
@@ -82,10 +84,29 @@ def test_what_was_filmed(block: Block) -> None:
 
 
 def test_what_the_readme_says_of_films(block: Block) -> None:
-    text = " ".join(block("films/short", films(worse)).split())  # 11 films gain 0.6 and one loses 0.5
-    assert "judged 12 films of 2 sets" in text and "gain +0.51 JOD in the mean, and from -0.50 to +0.60" in text
-    assert "better by 0.1 JOD or more in 92% of the films, and worse by as much in 8%" in text
-    assert "the mean is +0.60 JOD. The network alone gains +0.33 JOD, and from -0.50." in text
+    text = block("films/where", films(worse))  # 11 films gain 0.6 and one loses 0.5
+    assert "12 films of 2 sets that the network never saw, and 12 with temporal" in " ".join(text.split())
+    assert row(text, "all films") == "| all films | +0.51 | 92% | 8% |"
+    assert row(text, "matte bumps (roughness from 0.8)") == "| matte bumps (roughness from 0.8) | +0.42 | 83% | 17% |"
+    assert row(text, "glossy bumps (roughness below 0.5)").endswith(" | +0.60 | 100% | 0% |")
+    assert "flat surfaces" not in text  # nothing was filmed
+    assert row(text, "floors").endswith(" | +0.60 | 100% | 0% |")
+    assert row(text, "walls and spheres, one or two texels a pixel").endswith(" | +0.46 | 88% | 12% |")
+    assert "Lights matter little: +0.42 to +0.60." in " ".join(text.split())
+    assert row(text, "anisotropic lookups").endswith(" | +0.60 | 100% | 0% |")
+    assert row(text, "temporal antialiasing, MIP bias -1").endswith(" | +0.60 | 100% | 0% |")
+
+
+def test_other_tools_beside_mipbake(block: Block) -> None:
+    looks = {"unreal (gaussian)": 8.5}
+    data = films()
+    for each in data["sets"].values():
+        for film in each["films"]:
+            film["figures"] |= {name: film["figures"]["auto"] | {"jod-37": jod} for name, jod in looks.items()}
+    text = block("films/tools", data)
+    assert row(text, "maketx 3.2").endswith("| averaged | averaged | 9.00 | run |")
+    assert row(text, "Unreal: composite texture").endswith("| 8.50 | formula |")
+    assert row(text, "mipbake").endswith("| 9.60 | run |")
 
 
 def test_films_by_scene_and_beside_linear(block: Block) -> None:
@@ -184,3 +205,27 @@ def test_engines_and_files_of_glb(block: Block) -> None:
     cells = {"near-mirror": [[20.0, 19.0, 21.0], [20.0, 10.0, 10.0]]}
     text = block("delivered/table", {"whole": [{"set": "tiles", "preset": "unity", "cells": cells, **row}]})
     assert "| `unity` | 1 of 1 | 1 of 1 | 0.30 / 0.60 dB | 0.60 dB | 50.0 % | not filmed | 1.5 MB | +1.5 s |" in text
+
+
+def test_the_gallery_says_what_one_sees(block: Block) -> None:
+    def film(plain: float, baked: float, calm: float | None = 1.2) -> dict[str, dict[str, float | None]]:
+        return {"plain MIP maps": {"jod": plain, "flicker": 3.04}, "mipbake": {"jod": baked, "flicker": calm}}
+
+    sets = {"ocean": film(7, 7.1), "wet_asphalt": film(8, 8.09, None), "knurled_plate": film(5, 4.9)}
+    text = block("gallery/films", {"sets": sets})
+    assert "## Ocean\n\nWaves of a fresh breeze. mipbake is truer: 7.1 JOD, plain MIP maps 7.0." in text
+    assert "It changes 1.2 times as much as the truth, plain 3.0 times." in text
+    assert "mipbake looks the same: 8.1 JOD, plain MIP maps 8.0.\n\n![Wet asphalt in three.js" in text
+    assert "mipbake is worse: 4.9 JOD" in text and "(gallery-knurled_plate.webp)" in text
+
+
+def test_sizes_and_times(block: Block) -> None:
+    printed = ["| bake neural, 64 x 64 | 0.9 | 1 | 1 |", "| bake auto, 64 x 64 | 2.2 | 3 | 1 |",
+               "| bake neural, 128 x 128 | 1.6 | 1 | 1 |", "| bake auto, 128 x 128 | 4 | 3 | 1 |"]  # fmt: skip
+    text = " ".join(block("timing-bake/times", {"printed": printed}).split())
+    assert text == (
+        "Bakes take, on a machine: 64 x 64 in 2 s, or 1 s with `--method neural`; 128 x 128 in 4 s, or 2 s with "
+        "`--method neural`."
+    )
+    whole = [{"preset": name, "bytes": size} for name, size in (("three", 10**6), ("three", 2 * 10**6), ("glb", 1))]
+    assert "1.5 MB for `three`; Unreal" in " ".join(block("delivered/sizes", {"whole": whole}).split())

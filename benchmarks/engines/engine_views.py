@@ -43,24 +43,28 @@ class EngineView:
     side: int
 
     def described(self) -> dict[str, Any]:
-        """What the page takes, with the triangles that face the camera alone."""
-        camera, mesh = self.camera, self.mesh
-        corners = mesh.positions[mesh.triangles]
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        facing = ((np.array(camera.position) - corners[:, 0]) * normals).sum(-1) > 0
-        arrays = {
-            "positions": mesh.positions,
-            "normals": mesh.normals,
-            "uv": mesh.uv,
-            "tangents": mesh.tangents,
-            "triangles": mesh.triangles[facing],
-        }
-        return {
-            **{name: np.asarray(values).reshape(-1).tolist() for name, values in arrays.items()},
-            **{"position": camera.position, "target": camera.looks_at, "up": camera.up},
-            **{"fieldOfView": camera.field_of_view, "near": camera.near, "far": camera.far},
-            **{"width": self.side, "height": self.side},
-        }
+        """What the page takes."""
+        return described(self.mesh, self.camera, (self.side, self.side))
+
+
+def described(mesh: Mesh, camera: Camera, resolution: tuple[int, int]) -> dict[str, Any]:
+    """A convex mesh as a page takes it, with the triangles that face the camera alone; resolution: (height, width)."""
+    corners = mesh.positions[mesh.triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    facing = ((np.array(camera.position) - corners[:, 0]) * normals).sum(-1) > 0
+    arrays = {
+        "positions": mesh.positions,
+        "normals": mesh.normals,
+        "uv": mesh.uv,
+        "tangents": mesh.tangents,
+        "triangles": mesh.triangles[facing],
+    }
+    return {
+        **{name: np.asarray(values).reshape(-1).tolist() for name, values in arrays.items()},
+        **{"position": camera.position, "target": camera.looks_at, "up": camera.up},
+        **{"fieldOfView": camera.field_of_view, "near": camera.near, "far": camera.far},
+        **{"width": resolution[1], "height": resolution[0]},
+    }
 
 
 def engine_views(size: tuple[int, int], last_level: int, side: int) -> Iterator[EngineView]:

@@ -11,12 +11,30 @@ from typing import Any
 sys.path.append(str(Path(__file__).resolve().parent.parent))
 from timing import arguments, keep, table
 
-__all__ = ["Cell", "arguments", "containers", "gains", "keep"]
+__all__ = ["BAKED", "PLAIN_MAPS", "Cell", "arguments", "containers", "gains", "gallery", "keep"]
 
 PLAIN = "ktx2-rgba8"
 """The container of the main table."""
 
 LINEAR = "linear"
+
+PLAIN_MAPS, BAKED = "plain MIP maps", "mipbake"
+"""What films of the gallery show beside the truth."""
+
+SHOWN: Mapping[str, str] = {
+    "wet_asphalt": "Stones under a film of water, and puddles",
+    "embossed_steel": "Sheet metal with round bumps",
+    "brushed_aluminium": "Marks of a brush, in the normals",
+    "black_tiles": "Small tiles with a wavy black glaze",
+    "pebbled_leather": "Polished leather with a pebbled grain",
+    "sparkling_snow": "Matte snow, and a few crystals that mirror",
+    "ocean": "Waves of a fresh breeze",
+    "knurled_plate": "Steel with pyramids of four sides: no map holds four directions in a texel",
+}
+"""Set of the gallery to what it is."""
+
+_APART = 0.1
+"""JOD from which one sees a difference."""
 
 Cell = Mapping[str, Any]
 """One candidate in one view: `set`, `view`, its `shape` and `scale`, `candidate`, `container`, `snr` in dB, `flip`."""
@@ -63,3 +81,22 @@ def containers(data: Mapping[str, Any]) -> str:
         if name in several
     ]
     return table(["candidate, container", "SNR", "FLIP"], rows)
+
+
+def gallery(data: Mapping[str, Any]) -> str:
+    """The films of docs/gallery.md, each with what one sees in it."""
+    parts = []
+    for name, found in data["sets"].items():
+        (plain, baked), title = (found[each] for each in (PLAIN_MAPS, BAKED)), name.replace("_", " ").capitalize()
+        gain = round(baked["jod"] - plain["jod"], 6)
+        seen = "is truer" if gain >= _APART else "is worse" if gain <= -_APART else "looks the same"
+        calmer = ""
+        if plain["flicker"] and baked["flicker"]:
+            calmer = (
+                f" It changes {baked['flicker']:.1f} times as much as the truth, plain {plain['flicker']:.1f} times."
+            )
+        parts.append(
+            f"## {title}\n\n{SHOWN[name]}. mipbake {seen}: {baked['jod']:.1f} JOD, plain MIP maps {plain['jod']:.1f}."
+            f"{calmer}\n\n![{title} in three.js: plain MIP maps, mipbake, truth](gallery-{name}.webp)"
+        )
+    return "\n\n".join(parts)

@@ -88,6 +88,9 @@ KNOWN: Mapping[str, Known] = {
     "engines-three": _measured(
         "levels in three.js, supersampled by itself", "benchmarks/engines/three_proof.py", MATERIALS
     ),
+    "gallery": _measured(
+        "sets that shimmer, filmed in three.js", "benchmarks/engines/three_gallery.py", WORK, pictures="docs"
+    ),
     "engines-cycles": _measured("level 0 in Cycles", "benchmarks/engines/cycles_proof.py", MATERIALS),
     "weights": Known("what each weight of the judge does, halved and doubled", ("benchmarks/weights.py", MATERIALS)),
     "training-mipnet": _measured(

@@ -10,37 +10,33 @@ from typing import TYPE_CHECKING, Any
 from records.known import KNOWN
 from records.scripts import script
 from records.views_films import FILM_VIEWS
-from records.views_results import results_table, results_words
 from records.views_scaling import SCALING_VIEWS
 from records.wrapping import table, wrapped
 
 if TYPE_CHECKING:
     from records.record import Records
 
-PLAIN, BAKED = "linear", "mipbake"
+PLAIN, BAKED = "plain MIP maps", "mipbake"
 _WHERE = {"near-mirror": "near the mirror", "hemisphere": "over the hemisphere"}
 
 
 def scales_caption(records: Records) -> str:
-    found = records["picture"]["scales"]
-    means = {name: fmean(each["snr"][name] for each in found.values()) for name in (PLAIN, BAKED)}
+    more = {
+        scale: 10 ** ((each["snr"][BAKED] - each["snr"][PLAIN]) / 10)
+        for scale, each in records["picture"]["scales"].items()
+    }
     return wrapped(
-        "*The same leather from four distances. Top row: plain MIP maps, which average the texels. The creases glitter "
-        "from near, and the sphere is too glossy from far away. Middle row: the maps of mipbake in the same renderer. "
-        "Bottom row: the reference, which takes many samples in every pixel. The figure below a sphere is its "
-        "signal-to-noise ratio (SNR) against the reference; more is better. The mean of the four is "
-        f"{means[PLAIN]:.1f} dB with plain MIP maps and {means[BAKED]:.1f} dB with mipbake. This example gains more "
-        "than most sets do; [below](#how-good-is-it) are means over real sets.*"
+        "*The same leather from four distances. Plain MIP maps glitter in the creases from near, and are too glossy "
+        "from far away. Truth takes many samples in every pixel. The squared error of plain MIP maps is "
+        f"{more['near']:.1f} times that of mipbake near, and {more['far']:.1f} times far. Most sets gain less.*"
     )
 
 
 def shimmer_caption(records: Records) -> str:
-    plain, baked = (records["animation"]["methods"][name] for name in (PLAIN, BAKED))
+    plain, baked = (records["animation"]["methods"][name]["flicker"] for name in (PLAIN, BAKED))
     return wrapped(
-        f"*The same sphere in motion, under a lamp. From frame to frame, plain MIP maps change {plain['flicker']:.1f} "
-        "times as much as the reference does (mean square). This is the shimmer. The maps of mipbake change "
-        f"{baked['flicker']:.2f} times as much. The SNR is {plain['snr']:.1f} dB with plain MIP maps and "
-        f"{baked['snr']:.1f} dB with mipbake.*"
+        f"*The same leather under a lamp. From frame to frame, plain MIP maps change {plain:.1f} times as much as the "
+        f"truth does: this is the shimmer. mipbake changes {baked:.2f} times as much.*"
     )
 
 
@@ -62,6 +58,34 @@ def fitting_table(records: Records) -> str:
     for name in ("noise", "two phases", "symmetry"):
         rows.append([f"pose, {name}", f"{pose[name]['mean error']:.1f} degrees", f"{pose[name]['paper']:.2f}"])
     return table(["figure", "here", "paper"], rows)
+
+
+_BAKES = re.compile(r"\| bake (\w+), (\d+) x \d+ \| ([\d.]+) \|")
+
+
+def times(records: Records) -> str:
+    """How long bakes of the README's two methods take, by size."""
+    found: dict[str, list[tuple[str, float]]] = {}
+    for method, side, seconds in _BAKES.findall("\n".join(records["timing-bake"]["printed"])):
+        found.setdefault(method, []).append((side, float(seconds)))
+    took = "; ".join(
+        f"{side} x {side} in {default:.0f} s, or {dict(found['neural'])[side]:.0f} s with `--method neural`"
+        for side, default in found["auto"]
+    )
+    return wrapped(f"Bakes take, on {records.record('timing-bake').measured.machine}: {took}.")
+
+
+def sizes(records: Records) -> str:
+    """How large the files of presets are."""
+    found: dict[str, list[int]] = {}
+    for each in records["delivered"]["whole"]:
+        found.setdefault(each["preset"], []).append(each["bytes"])
+    listed = ", ".join(f"{fmean(each) / 1e6:.1f} MB for `{name}`" for name, each in found.items()
+                       if name in ("three", "unity", "unreal"))  # fmt: skip
+    return wrapped(
+        "Files are as large as those of plain MIP maps in the same format. Maps of 1024 x 1024 have, in the mean of "
+        f"real sets, {listed}; Unreal compresses after import."
+    )
 
 
 KEPT: Mapping[str, str] = {
@@ -168,16 +192,17 @@ VIEWS: Mapping[str, Callable[[Any], str]] = {
     "picture/caption": scales_caption,
     "animation/caption": shimmer_caption,
     "fitting/table": fitting_table,
-    "results-whole/table": results_table,
-    "results-whole/words": lambda records: wrapped(results_words(records)),
     "training-mipnet/words": mipnet_words,
     "fit/words": fit_words,
     "fit/pictures": fit_pictures,
     "fit/means": _of("benchmarks", "fit_tables", "means_table", "fit"),
     "fit/cost": _of("benchmarks", "fit_tables", "cost_table", "fit"),
+    "timing-bake/times": times,
+    "delivered/sizes": sizes,
     "delivered/table": _of("benchmarks", "delivered", "summarised", "delivered"),
     "engines-three/gains": _of(_ENGINES, "three_table", "gains", "engines-three"),
     "engines-three/containers": _of(_ENGINES, "three_table", "containers", "engines-three"),
+    "gallery/films": _of(_ENGINES, "three_table", "gallery", "gallery"),
     "engines-cycles/table": lambda records: table(
         ["set", *records["engines-cycles"]["columns"]],
         [[name, *(f"{each:.1f}" for each in row)] for name, row in records["engines-cycles"]["rows"].items()],

@@ -1,4 +1,4 @@
-"""The blocks of benchmarks/RESULTS-films.md, and the words about films in the README."""
+"""The blocks of benchmarks/RESULTS-films.md, and the tables of the README that come from films."""
 
 from __future__ import annotations
 
@@ -40,12 +40,16 @@ class Film:
     """One film of one set.
 
     Args:
-        set, scene, sampler: names; the scene is `floor`, `low-floor`, `wall` or `sphere`.
+        set, lighting, scene, sampler: names; the scene is `floor`, `low-floor`, `wall` or `sphere`.
+        roughness, slope: of the set: the mean of the map, and the root mean square of the slopes of its bumps.
         converged: whether the reference is as clean as wanted.
         figures: method to measure to figure, without those that are not numbers.
     """
 
     set: str
+    lighting: str
+    roughness: float
+    slope: float
     scene: str
     sampler: str
     converged: bool
@@ -74,7 +78,8 @@ def films(data: Mapping[str, Any], accumulated: bool = False) -> list[Film]:
     """The films of a record, under samplers that accumulate frames or under the others."""
     return [
         Film(
-            name, film["scene"].removeprefix("film-"), film["sampler"], film["converged"],
+            name, each["lighting"], each["roughness"], each["slope"], film["scene"].removeprefix("film-"),
+            film["sampler"], film["converged"],
             {m: {k: v for k, v in found.items() if v is not None} for m, found in film["figures"].items()},
         )
         for name, each in data["sets"].items()
@@ -105,21 +110,67 @@ def setup(data: Mapping[str, Any]) -> str:
     )
 
 
-def short(data: Mapping[str, Any]) -> str:
-    """What a reader of the README has to know of films."""
-    found = films(data)
-    gains, alone = ([film.over(name) for film in found] for name in (AUTO, NEURAL))
-    later = fmean(film.over(AUTO) for film in films(data, True))
-    better, worse = (fmean(sign * each >= APART for each in gains) for sign in (1, -1))
-    return wrapped(
-        f"What people see is another question. ColorVideoVDP judged {len(found)} films of "
-        f"{len({film.set for film in found})} sets: floors, walls and spheres. Its unit is JOD: one more means that "
-        f"three in four people prefer the film. Beside plain MIP maps, the films of `{AUTO}` gain {fmean(gains):+.2f} "
-        f"JOD in the mean, and from {min(gains):+.2f} to {max(gains):+.2f}. They are better by {APART:g} JOD or more "
-        f"in {better:.0%} of the films, and worse by as much in {worse:.0%}. In films with temporal accumulation, "
-        f"which many engines have, the mean is {later:+.2f} JOD. The network alone gains {fmean(alone):+.2f} JOD, and "
-        f"from {min(alone):+.2f}. [Films](benchmarks/RESULTS-films.md) has more."
+MATTE, GLOSSY, FLAT = 0.8, 0.5, 0.05
+"""Mean roughness from which a set is matte, below which it is glossy; slopes of bumps below which it is flat."""
+
+_KINDS: Mapping[str, Callable[[Film], bool]] = {
+    f"flat surfaces (slopes below {FLAT:g})": lambda film: film.slope < FLAT,
+    f"matte bumps (roughness from {MATTE:g})": lambda film: film.slope >= FLAT and film.roughness >= MATTE,
+    f"half matte bumps (roughness {GLOSSY:g} to {MATTE:g})": lambda film: (
+        film.slope >= FLAT and GLOSSY <= film.roughness < MATTE
+    ),
+    f"glossy bumps (roughness below {GLOSSY:g})": lambda film: film.slope >= FLAT and film.roughness < GLOSSY,
+    "floors": lambda film: film.scene.endswith("floor"),
+    "walls and spheres, one or two texels a pixel": lambda film: not film.scene.endswith("floor"),
+    "anisotropic lookups": lambda film: film.sampler == "anisotropic",
+    "trilinear lookups": lambda film: film.sampler == "trilinear",
+}
+"""Row of the README to the films that it is about."""
+
+
+def where(data: Mapping[str, Any]) -> str:
+    """What a reader of the README has to know of films: where they gain, and where they do not."""
+    still, moving = films(data), films(data, True)
+    parts = {"all films": still, **{title: [film for film in still if is_in(film)] for title, is_in in _KINDS.items()}}
+    for bias, title in (("accumulated", ""), ("accumulated, bias -1", ", MIP bias -1")):
+        parts[f"temporal antialiasing{title}"] = [film for film in moving if film.sampler == bias]
+    rows = []
+    for title, some in parts.items():
+        gains = [round(film.over(AUTO), 6) for film in some]
+        if gains:
+            better, worse = (fmean(sign * each >= APART for each in gains) for sign in (1, -1))
+            rows.append([title, f"{fmean(gains):+.2f}", f"{better:.0%}", f"{worse:.0%}"])
+    sets = len({film.set for film in still})
+    lit = [fmean(f.over(AUTO) for f in still if f.lighting == light) for light in {f.lighting for f in still}]
+    said = (
+        "JOD is how good a film looks to ColorVideoVDP, a model of human sight: 10 is the truth, and one more means "
+        f"that three in four people prefer the film. {len(still)} films of {sets} sets that the network never saw, and "
+        f"{len(moving)} with temporal antialiasing, beside plain MIP maps (better, worse: by {APART:g} JOD or more). "
+        f"Lights matter little: {min(lit):+.2f} to {max(lit):+.2f}."
     )
+    return f"{wrapped(said)}\n\n{table(['', 'gain, JOD', 'better', 'worse'], rows)}"
+
+
+_TOOLS: Sequence[tuple[str, str, str, str, str]] = (
+    ("maketx 3.2", "averaged", "averaged", LINEAR, "run"),
+    ("gltfpack 1.2", "averaged", "averaged", LINEAR, "run"),
+    ("glTF-Transform 4.5 (KTX-Software)", "averaged (Lanczos)", "averaged", LINEAR, "source code"),
+    ("texconv", "averaged", "averaged", LINEAR, "documentation"),
+    ("Unreal: composite texture", "averaged", "widened by the normal map", "unreal (gaussian)", "formula"),
+    ("Godot: roughness limiter", "averaged", "the same, to a limit", "godot (gaussian)", "formula"),
+    ("mipbake", "fitted to the look", "fitted together", AUTO, "run"),
+)
+"""Tool, what it does with normals and with roughness, the method whose films show it, and how that is known."""
+
+
+def tools(data: Mapping[str, Any]) -> str:
+    """Other tools that make levels, beside mipbake."""
+    found = films(data)
+    rows = [
+        [tool, normals, roughness, f"{fmean(film.jod(method) for film in found):.2f}", known]
+        for tool, normals, roughness, method, known in _TOOLS
+    ]
+    return table(["tool", "normals", "roughness", "JOD", "known from"], rows)
 
 
 def jod(data: Mapping[str, Any]) -> str:
@@ -197,7 +248,8 @@ def _listed(words: Sequence[str]) -> str:
 
 
 _VIEWS: Mapping[str, Callable[[Mapping[str, Any]], str]] = {
-    "short": short, "setup": setup, "jod": jod, "beside-linear": beside_linear, "steady": steady, "ranks": ranks,
+    "where": where, "tools": tools, "setup": setup, "jod": jod, "beside-linear": beside_linear, "steady": steady,
+    "ranks": ranks,
 }  # fmt: skip
 FILM_VIEWS: Mapping[str, Callable[[Any], str]] = {
     f"films/{name}": lambda records, view=view: view(records["films"])  # type: ignore[misc]

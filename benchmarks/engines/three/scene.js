@@ -29,6 +29,10 @@ const materials = new Map();
 const views = new Map();
 let mesh = null;
 
+function light(intensity) {
+  key.intensity = intensity;
+}
+
 function describe() {
   const info = gl.getExtension('WEBGL_debug_renderer_info');
   return {
@@ -103,4 +107,4 @@ function flatOnce(texture, side, u, v) {
   return text;
 }
 
-window.proof = { describe, addMaterial, addView, render, flat };
+window.proof = { describe, light, addMaterial, addView, render, flat };
