@@ -45,7 +45,7 @@ def main() -> None:
             radiance[name].append(frame.image)
         halves.append(np.stack([reference.first, reference.second]))
         row = [pictures.Cell(pictures.shown(each.image)) for each in (*frames.values(), reference)]
-        images.append(pictures.grid([*frames, pictures.REFERENCE], {"": row}))
+        images.append(pictures.grid([*frames, pictures.REFERENCE], {"": row}, pictures.LETTERS))
         print(f"\rframe {index + 1} of {options.frames}", end="", flush=True)
     inside = reference.interior  # the outline stays where it is
     first, second = (np.stack(half)[:, inside] for half in zip(*halves, strict=True))

@@ -37,7 +37,7 @@ def main() -> None:
             "noise": reference.standard_error / reference.candidate_error,
         }
         print(view.title, snr, flush=True)
-    pictures.grid(list(found), rows).save(options.folder / "scales.png", optimize=True)
+    pictures.grid(list(found), rows, pictures.LETTERS).save(options.folder / "scales.png", optimize=True)
     timing.keep(
         {"set": pictures.SET.name, "side": options.side, "most": options.passes, "scales": found}, options.results
     )

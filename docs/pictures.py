@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -23,6 +24,9 @@ from mipbake.stack.stack import MipStack
 SET = Path(__file__).resolve().parent.parent / "examples" / "lacquered_leather"
 PLAIN, BAKED, REFERENCE = "plain MIP maps", "mipbake", "truth"
 GAP, HEAD, LINE, LEFT = 6, 24, 15, 118  # pixels
+
+LETTERS = 22
+"""Of the README's pictures, in pixels: they are read on phones, too."""
 
 GROUND = (13, 17, 23)  # the colour of GitHub's dark pages; on light ones the panel stands by itself
 BRIGHT, DIM, GOOD = (230, 237, 243), (139, 148, 158), (86, 211, 100)
@@ -92,27 +96,28 @@ class Cell:
     best: Sequence[bool] = ()
 
 
-def grid(heads: Sequence[str], rows: Mapping[str, Sequence[Cell]]) -> Image.Image:
-    """Rows of pictures, with their names at the left, under the names of their columns."""
+def grid(heads: Sequence[str], rows: Mapping[str, Sequence[Cell]], size: int = 13) -> Image.Image:
+    """Rows of pictures, with their names at the left, under the names of their columns, in letters of `size` pixels."""
+    top = HEAD - 13 + size
     wide = [max(row[column].picture.shape[1] for row in rows.values()) for column in range(len(heads))]
     lines = {name: max(len(cell.words) for cell in row) for name, row in rows.items()}
     high = {name: max(len(cell.picture) for cell in row) + GAP + LINE * lines[name] for name, row in rows.items()}
-    left = LEFT if any(rows) else GAP
-    image = Image.new("RGB", (left + sum(wide) + GAP * len(wide), HEAD + sum(high.values())), GROUND)
+    words = [word for name in rows for word in name.split(", ") if word]
+    left = max(LEFT, 2 * GAP + max(math.ceil(font(size - 1).getlength(word)) for word in words)) if words else GAP
+    image = Image.new("RGB", (left + sum(wide) + GAP * len(wide), top + sum(high.values())), GROUND)
     pen, at = ImageDraw.Draw(image), left
     for head, width in zip(heads, wide, strict=True):
-        pen.text((at + width // 2, HEAD - 8), head, BRIGHT, font(13), "ms")
+        pen.text((at + width // 2, top - 8), head, BRIGHT, font(size), "ms")
         at += width + GAP
-    top = HEAD
     for name, row in rows.items():
-        for line, words in enumerate(name.split(", ")):
-            pen.text((GAP, top + high[name] // 2 + 16 * line - 8), words, BRIGHT, font(12), "lm")
+        for line, word in enumerate(name.split(", ")):
+            pen.text((GAP, top + high[name] // 2 + (size + 3) * line - 8), word, BRIGHT, font(size - 1), "lm")
         at = left
         for width, cell in zip(wide, row, strict=True):
             image.paste(Image.fromarray(cell.picture), (at, top))
-            for line, words in enumerate(cell.words):
+            for line, word in enumerate(cell.words):
                 colour = GOOD if line < len(cell.best) and cell.best[line] else DIM
-                pen.text((at + width // 2, top + len(cell.picture) + 13 + LINE * line), words, colour, font(11), "ms")
+                pen.text((at + width // 2, top + len(cell.picture) + 13 + LINE * line), word, colour, font(11), "ms")
             at += width + GAP
         top += high[name]
     return image

@@ -223,9 +223,7 @@ def test_sizes_and_times(block: Block) -> None:
     printed = ["| bake neural, 64 x 64 | 0.9 | 1 | 1 |", "| bake auto, 64 x 64 | 2.2 | 3 | 1 |",
                "| bake neural, 128 x 128 | 1.6 | 1 | 1 |", "| bake auto, 128 x 128 | 4 | 3 | 1 |"]  # fmt: skip
     text = " ".join(block("timing-bake/times", {"printed": printed}).split())
-    assert text == (
-        "Bakes take, on a machine: 64 x 64 in 2 s, or 1 s with `--method neural`; 128 x 128 in 4 s, or 2 s with "
-        "`--method neural`."
-    )
+    network = "with `--method neural` 1 s at 64 x 64, 2 s at 128 x 128"
+    assert text == f"Bakes take 2 s at 64 x 64, 4 s at 128 x 128; {network} (a machine)."
     whole = [{"preset": name, "bytes": size} for name, size in (("three", 10**6), ("three", 2 * 10**6), ("glb", 1))]
     assert "1.5 MB for `three`; Unreal" in " ".join(block("delivered/sizes", {"whole": whole}).split())

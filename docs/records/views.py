@@ -68,11 +68,11 @@ def times(records: Records) -> str:
     found: dict[str, list[tuple[str, float]]] = {}
     for method, side, seconds in _BAKES.findall("\n".join(records["timing-bake"]["printed"])):
         found.setdefault(method, []).append((side, float(seconds)))
-    took = "; ".join(
-        f"{side} x {side} in {default:.0f} s, or {dict(found['neural'])[side]:.0f} s with `--method neural`"
-        for side, default in found["auto"]
+    default, network = (
+        ", ".join(f"{seconds:.0f} s at {side} x {side}" for side, seconds in found[name]) for name in ("auto", "neural")
     )
-    return wrapped(f"Bakes take, on {records.record('timing-bake').measured.machine}: {took}.")
+    where = records.record("timing-bake").measured.machine
+    return wrapped(f"Bakes take {default}; with `--method neural` {network} ({where}).")
 
 
 def sizes(records: Records) -> str:
