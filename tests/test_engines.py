@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import json
 import shutil
 import sys
 from collections.abc import Iterator
@@ -11,6 +12,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from PIL import Image
 
 ENGINES = Path(__file__).parents[1] / "benchmarks" / "engines"
 
@@ -86,3 +88,17 @@ def test_three_samples_custom_levels_of_every_container(web: None, tmp_path: Pat
         seen = levels.check_levels(page, tmp_path)
     kinds = importlib.import_module("engine_textures").KINDS
     assert len(seen) == len(kinds) + 1  # all but level 0 in floats, and two checks of levels that WebGL makes
+
+
+def test_a_set_of_the_gallery_is_filmed_once(web: None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    gallery = importlib.import_module("three_gallery")
+    results = tmp_path / "results.json"
+    small = ("--size", "64", "--height", "32", "--frames", "3", "--samples", "8")
+    monkeypatch.setattr(sys, "argv", ["", str(tmp_path), *small, "--only", "knurled_plate", "--results", str(results)])
+    gallery.main()
+    found = json.loads(results.read_text())["sets"]["knurled_plate"]
+    assert set(found) == {"plain MIP maps", "mipbake"} and all(0 < each["jod"] < 10 for each in found.values())
+    picture = Image.open(tmp_path / "gallery-knurled_plate.webp")
+    assert picture.n_frames == 4 and picture.width > 3 * 48 and np.asarray(picture.convert("RGB")).std() > 10
+    monkeypatch.setattr(gallery, "filmed", None)
+    gallery.main()  # takes what is there
