@@ -57,7 +57,7 @@ SAMPLERS = ("trilinear", "anisotropic", "accumulated", "accumulated, bias -1")
 
 METHODS = (
     "auto", "neural", "linear (box)", "linear (gaussian)", "lean (gaussian)", "vmf (gaussian)", "godot (gaussian)",
-    "unreal (gaussian)",
+    "unreal (gaussian)", "godot (box)", "unreal (box)",
 )  # fmt: skip
 """What is filmed."""
 

@@ -52,10 +52,12 @@ STACKS: Mapping[str, Mapping[str, str]] = {
 }
 """Name to how it is baked. `linear` with a box is what an engine makes from level 0."""
 
-FLOOR, SPHERE = "film-floor", "film-sphere"
+FLOOR = "film-floor"
 
-SETS: Mapping[str, str] = {**dict.fromkeys(showcase.SHOWCASE, FLOOR), "knurled_plate": SPHERE}
-"""Name to the film of mipbake.comparing.films that shows it."""
+SMALL = "knurled_plate"
+"""The set of examples/, a quarter as large as the others, so that pixels hold whole pyramids."""
+
+SETS = (*showcase.SHOWCASE, SMALL)
 
 _REACH = 0.02  # of the ground of films, whose far end is at the horizon: float32 needs small coordinates
 _QUALITY = 55  # of WebP, so that all films together load at once
@@ -80,7 +82,8 @@ def main() -> None:
     for name in options.only or SETS:
         file = options.folder / f"{name}.json"
         if not file.exists():
-            made = filmed(_loaded(name, options.size), SETS[name], options.height, options.frames, options.samples)
+            size = options.size // 4 if name == SMALL else options.size
+            made = filmed(_loaded(name, size), options.height, options.frames, options.samples)
             _save(made.films, options.folder / f"gallery-{name}.webp")
             keep(judged(made), file)
         found[name] = json.loads(file.read_text(encoding="utf-8"))
@@ -97,11 +100,11 @@ def _loaded(name: str, size: int) -> TextureSet:
         return mipbake.load(Path(scratch) / name)
 
 
-def filmed(texture_set: TextureSet, name: str, height: int, frames: int, samples: int) -> Filmed:
-    """The films of a set by three.js; `samples` of each pixel in each half of the truth."""
+def filmed(texture_set: TextureSet, height: int, frames: int, samples: int) -> Filmed:
+    """The films of a floor by three.js; `samples` of each pixel in each half of the truth."""
     lights = environment.studio()  # three.js has its own
     [film] = (f for f in films_of((texture_set.height, texture_set.width), lights, 10, height=height, frames=frames)
-              if f.name == name)  # fmt: skip
+              if f.name == FLOOR)  # fmt: skip
     kernel = filter_named("gaussian")
     offsets = [kernel.offsets(qmc.Sobol(2, seed=seed).random(samples))[0].reshape(-1).tolist() for seed in (1, 2)]
     with tempfile.TemporaryDirectory() as scratch, opened(HERE / "three/page.html", Path(scratch)) as page:
@@ -111,7 +114,7 @@ def filmed(texture_set: TextureSet, name: str, height: int, frames: int, samples
         _add(page, Path(scratch), TRUTH, engine_maps([texture_set.material("gltf")]), "float")
         radiance: dict[str, list[NDArray[np.float64]]] = {each: [] for each in (*STACKS, "first", "second")}
         for shot in film.shots:
-            view = described(_near(shot.mesh, name), shot.camera, shot.resolution)
+            view = described(_near(shot.mesh), shot.camera, shot.resolution)
             (Path(scratch) / "view.json").write_text(json.dumps(view))
             page.evaluate("() => proof.addView('view', 'view.json')")
             for which in STACKS:
@@ -121,10 +124,8 @@ def filmed(texture_set: TextureSet, name: str, height: int, frames: int, samples
     return _displayed({which: np.stack(images) for which, images in radiance.items()})
 
 
-def _near(mesh: Mesh, name: str) -> Mesh:
-    """The mesh, of a ground the part that films show."""
-    if name != FLOOR:
-        return mesh
+def _near(mesh: Mesh) -> Mesh:
+    """The part of the ground that films show."""
     middle = mesh.uv.mean(0)
     return replace(mesh, positions=mesh.positions * _REACH, uv=middle + (mesh.uv - middle) * _REACH)
 

@@ -29,12 +29,15 @@ SHOWN: Mapping[str, str] = {
     "pebbled_leather": "Polished leather with a pebbled grain",
     "sparkling_snow": "Matte snow, and a few crystals that mirror",
     "ocean": "Waves of a fresh breeze",
-    "knurled_plate": "Steel with pyramids of four sides: no map holds four directions in a texel",
+    "knurled_plate": "Steel with pyramids of four sides, whose four directions no texel can hold",
 }
 """Set of the gallery to what it is."""
 
 _APART = 0.1
 """JOD from which one sees a difference."""
+
+_FAR = 5.0
+"""JOD below which a film looks like another material."""
 
 Cell = Mapping[str, Any]
 """One candidate in one view: `set`, `view`, its `shape` and `scale`, `candidate`, `container`, `snr` in dB, `flip`."""
@@ -90,13 +93,11 @@ def gallery(data: Mapping[str, Any]) -> str:
         (plain, baked), title = (found[each] for each in (PLAIN_MAPS, BAKED)), name.replace("_", " ").capitalize()
         gain = round(baked["jod"] - plain["jod"], 6)
         seen = "is truer" if gain >= _APART else "is worse" if gain <= -_APART else "looks the same"
-        calmer = ""
+        words = f"{SHOWN[name]}. mipbake {seen}: {baked['jod']:.1f} JOD, plain MIP maps {plain['jod']:.1f}."
+        if max(plain["jod"], baked["jod"]) < _FAR:
+            words += " Both are far from the truth."
         if plain["flicker"] and baked["flicker"]:
-            calmer = (
-                f" It changes {baked['flicker']:.1f} times as much as the truth, plain {plain['flicker']:.1f} times."
-            )
-        parts.append(
-            f"## {title}\n\n{SHOWN[name]}. mipbake {seen}: {baked['jod']:.1f} JOD, plain MIP maps {plain['jod']:.1f}."
-            f"{calmer}\n\n![{title} in three.js: plain MIP maps, mipbake, truth](gallery-{name}.webp)"
-        )
+            words += f" From frame to frame mipbake changes {baked['flicker']:.1f} times as much as the truth"
+            words += f", plain MIP maps {plain['flicker']:.1f} times."
+        parts.append(f"## {title}\n\n{words}\n\n![{title}: plain MIP maps, mipbake, truth](gallery-{name}.webp)")
     return "\n\n".join(parts)

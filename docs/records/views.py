@@ -11,7 +11,7 @@ from records.known import KNOWN
 from records.scripts import script
 from records.views_films import FILM_VIEWS
 from records.views_scaling import SCALING_VIEWS
-from records.wrapping import table, wrapped
+from records.wrapping import table, wrapped, wrapped_page
 
 if TYPE_CHECKING:
     from records.record import Records
@@ -202,7 +202,7 @@ VIEWS: Mapping[str, Callable[[Any], str]] = {
     "delivered/table": _of("benchmarks", "delivered", "summarised", "delivered"),
     "engines-three/gains": _of(_ENGINES, "three_table", "gains", "engines-three"),
     "engines-three/containers": _of(_ENGINES, "three_table", "containers", "engines-three"),
-    "gallery/films": _of(_ENGINES, "three_table", "gallery", "gallery"),
+    "gallery/films": lambda records: wrapped_page(_of(_ENGINES, "three_table", "gallery", "gallery")(records)),
     "engines-cycles/table": lambda records: table(
         ["set", *records["engines-cycles"]["columns"]],
         [[name, *(f"{each:.1f}" for each in row)] for name, row in records["engines-cycles"]["rows"].items()],

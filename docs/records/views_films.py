@@ -156,20 +156,21 @@ _TOOLS: Sequence[tuple[str, str, str, str, str]] = (
     ("gltfpack 1.2", "averaged", "averaged", LINEAR, "run"),
     ("glTF-Transform 4.5 (KTX-Software)", "averaged (Lanczos)", "averaged", LINEAR, "source code"),
     ("texconv", "averaged", "averaged", LINEAR, "documentation"),
-    ("Unreal: composite texture", "averaged", "widened by the normal map", "unreal (gaussian)", "formula"),
-    ("Godot: roughness limiter", "averaged", "the same, to a limit", "godot (gaussian)", "formula"),
+    ("Unreal: composite texture", "averaged", "widened by the normal map", "unreal (box)", "source code"),
+    ("Godot: roughness limiter", "averaged", "the same, to a limit", "godot (box)", "source code"),
     ("mipbake", "fitted to the look", "fitted together", AUTO, "run"),
 )
 """Tool, what it does with normals and with roughness, the method whose films show it, and how that is known."""
 
 
 def tools(data: Mapping[str, Any]) -> str:
-    """Other tools that make levels, beside mipbake."""
+    """Other tools that make levels, beside mipbake; JOD of those whose method was filmed."""
     found = films(data)
-    rows = [
-        [tool, normals, roughness, f"{fmean(film.jod(method) for film in found):.2f}", known]
-        for tool, normals, roughness, method, known in _TOOLS
-    ]
+    rows = []
+    for tool, normals, roughness, method, known in _TOOLS:
+        filmed = all(method in film.figures for film in found)
+        jod = f"{fmean(film.jod(method) for film in found):.2f}" if filmed else "not filmed"
+        rows.append([tool, normals, roughness, jod, known])
     return table(["tool", "normals", "roughness", "JOD", "known from"], rows)
 
 
