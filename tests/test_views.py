@@ -106,7 +106,7 @@ def test_other_tools_beside_mipbake(block: Block) -> None:
     text = block("films/tools", data)
     assert row(text, "maketx 3.2").endswith("| averaged | averaged | 9.00 | run |")
     assert row(text, "Unreal: composite texture").endswith("| 8.50 | source code |")
-    assert row(text, "Godot: roughness limiter").endswith("| not filmed | source code |")
+    assert row(text, "Godot: roughness limiter").endswith("| 8.00, with mipbake's filter | source code |")
     assert row(text, "mipbake").endswith("| 9.60 | run |")
 
 

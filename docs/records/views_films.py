@@ -164,13 +164,13 @@ _TOOLS: Sequence[tuple[str, str, str, str, str]] = (
 
 
 def tools(data: Mapping[str, Any]) -> str:
-    """Other tools that make levels, beside mipbake; JOD of those whose method was filmed."""
-    found = films(data)
-    rows = []
+    """Other tools that make levels, beside mipbake. A rule that was not filmed with the box, which engines average
+    with, has the JOD of the same rule with mipbake's pixel filter, and says so."""
+    found, rows = films(data), []
     for tool, normals, roughness, method, known in _TOOLS:
-        filmed = all(method in film.figures for film in found)
-        jod = f"{fmean(film.jod(method) for film in found):.2f}" if filmed else "not filmed"
-        rows.append([tool, normals, roughness, jod, known])
+        filmed = method if all(method in film.figures for film in found) else method.replace("(box)", "(gaussian)")
+        words = "" if filmed == method else ", with mipbake's filter"
+        rows.append([tool, normals, roughness, f"{fmean(film.jod(filmed) for film in found):.2f}{words}", known])
     return table(["tool", "normals", "roughness", "JOD", "known from"], rows)
 
 
