@@ -40,11 +40,13 @@ PIXELS_PER_DEGREE = 37.0
 OPPONENT: Image = np.array([[0.2126, 0.7152, 0.0722], [0.5, -0.5, 0.0], [0.25, 0.25, -0.5]], np.float32)
 """(3, 3): luminance, red against green and yellow against blue, of displayed light."""
 
+UNSEEN = 1e-3
+"""Mean square beside which others hardly count: films have 9.5 JOD there."""
+
 _FINEST = 6.0  # cycles per degree at which a band weighs 1 / e; fitted
 _MEAN = 0.4  # what the mean of a picture weighs: eyes adapt to it; fitted
 _CHROMA = 0.5  # what opponent colours weigh beside luminance: half and a quarter fit alike
 _BLACK = 0.02  # light of a display that eyes are adapted to where a picture is black; five times as much fits alike
-_UNSEEN = 1e-3  # mean square beside which others hardly count: films have 9.5 JOD there
 _RESOLVED = 0.1  # share of the noise below which an error is chance
 
 
@@ -113,7 +115,7 @@ class VisibleError:
     def roots(self) -> Array:
         """(V, N / V) error of each picture, without its noise, beside what nobody sees."""
         squares = np.maximum(mean_squares(self.off) - self.noise, _RESOLVED * self.noise)
-        return np.asarray(np.sqrt(squares + _UNSEEN).reshape(self.kinds, -1))
+        return np.asarray(np.sqrt(squares + UNSEEN).reshape(self.kinds, -1))
 
     @property
     def means(self) -> Array:
@@ -172,4 +174,4 @@ def visible_error(candidate: NDArray[np.floating], reference: NDArray[np.floatin
     """
     right, shown = (tiles(srgb_to_linear(np.clip(each, 0, 1))) for each in (reference, candidate))
     off = bands((shown - right) / adaptation(right))
-    return max(float(VisibleError(off, np.zeros(len(off)), 1).means[0]) - math.sqrt(_UNSEEN), 0.0)
+    return max(float(VisibleError(off, np.zeros(len(off)), 1).means[0]) - math.sqrt(UNSEEN), 0.0)
