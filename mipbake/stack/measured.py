@@ -145,7 +145,7 @@ def _looks(content: Any) -> Looks | None:
     if content is None:
         return None
     gain = {str(pair_set): float(value) for pair_set, value in content["snr_gain"].items()}
-    return Looks(*(float(content[name]) for name in ("own", "plain", "error")), gain)
+    return Looks(float(content["own"]), float(content["plain"]), float(content["error"]), gain)
 
 
 def _names(content: Any) -> tuple[str, ...]:

@@ -62,7 +62,7 @@ _LEVELS: Mapping[Distance, Sequence[int]] = {"near": (0,), "middle": (1, 2), "fa
 
 _SEEN: Mapping[Distance, float] = {"near": 0.2, "middle": 0.5, "far": 0.1}
 """dB that stacks are above plain MIP maps near the mirror, times what is seen of the error of these, from which films
-look better by 0.1 JOD. Found on floors of 17 sets for training, of which 14 are on the right side; near and at middle
+look better by 0.1 JOD. Found on floors of 20 sets for training, of which 17 are on the right side; near and at middle
 distance on films of seven."""
 
 _MIRROR = "near-mirror"  # pair set

@@ -251,7 +251,7 @@ def _looks(seen: Array, plain: Array, gain: Array) -> Looks:
     """Of (V, N) values whose mean is the logarithm of the square of a visible error, and (S,) gains in decibels."""
     error = math.sqrt(np.square(standard_error(seen - plain)).sum()) / 2 / len(seen)
     own, other = (math.exp(each.mean() / 2) for each in (seen, plain))
-    return Looks(*(round(value, 5) for value in (own, other, error)), _by_set(gain))
+    return Looks(round(own, 5), round(other, 5), round(error, 5), _by_set(gain))
 
 
 def _level_between(first: Image, second: Image, kept: float, model: str) -> Image:
