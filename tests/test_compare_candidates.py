@@ -45,7 +45,7 @@ def test_names_stand_for_forms_with_the_box_and_with_the_pixel_filter() -> None:
     }  # fmt: skip
     assert list(chosen(["lean (mitchell)", "lean"], "box")) == ["lean (mitchell)", "lean (box)"]
     for name in ("polish", "lean (polish)", "neural (box)", "lean(box)", ""):
-        with pytest.raises(UsageError, match=r"(expected one of|Methods): .*linear.*'lean \(box\)'"):
+        with pytest.raises(UsageError, match=r"(expected one of |Methods: ).*linear.*'lean \(box\)'"):
             chosen(["linear", name], "gaussian")
 
 

@@ -58,7 +58,7 @@ def read(made: GltfFile, folder: Path) -> GltfMaterials:
 def bake(made: GltfFile, folder: Path) -> tuple[dict[str, Any], bytes, str]:
     """The GLB that is written, and what is said."""
     made.squares()
-    code, said = run("bake", made.write(folder / "car"), "-o", folder / "out", "--method", "linear")
+    code, said = run("bake", made.write(folder / "car"), "-o", folder / "out", "--method", "linear", "-v")
     assert code == 0, said
     return *check_structure((folder / "out" / "car.glb").read_bytes()), said
 

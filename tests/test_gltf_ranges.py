@@ -125,7 +125,7 @@ def test_a_mirror_in_a_glb(tmp_path: Path, capsys: pytest.CaptureFixture[str], a
 @pytest.mark.parametrize(
     ("asked", "said"),
     [
-        ("glb:rgba16f", "unknown texels of format glb: 'rgba16f': expected one of uastc, rgba8"),
+        ("glb:rgba16f", "unknown format 'glb:rgba16f': did you mean glb:rgba8? Formats: glb:uastc, glb:rgba8"),
         ("glb,glb:rgba8", "format glb is asked for twice"),
     ],
 )

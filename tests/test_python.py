@@ -97,7 +97,7 @@ def test_paths_stand_for_sets_and_stacks(stack: mipbake.MipStack, tmp_path: Path
     [
         ({"preset": "unreel"}, "unknown preset 'unreel'.*three, babylon"),
         ({"method": "liner"}, "unknown method 'liner'.*auto, neural"),
-        ({"sampler": "cubic"}, "'cubic'.*trilinear, anisotropic or accumulated"),
+        ({"sampler": "cubic"}, "'cubic'.*trilinear, anisotropic, accumulated"),
         ({"target": "disney"}, "unknown target 'disney'.*auto, gltf"),
         ({"pixel_filter": "lanczos"}, "'lanczos'.*gaussian, box"),
         ({"strenght": 0.5}, "unknown option 'strenght'.*strength.*preset"),

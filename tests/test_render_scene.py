@@ -197,7 +197,7 @@ def test_an_environment_comes_from_a_file_and_one_with_nan_is_refused_in_a_sente
         environment.from_file(tmp_path / "none.hdr")
     with pytest.raises(InputError, match="is black"):
         environment.from_map("night", np.zeros((4, 8, 3)))
-    with pytest.raises(UsageError, match="no lighting is called 'dusk'"):
+    with pytest.raises(UsageError, match="unknown lighting 'dusk'"):
         environment.lighting_named("dusk")
     with pytest.raises(UsageError, match="power of two"):
         environment.from_map("x", values, 12)

@@ -167,7 +167,7 @@ def test_a_page_of_figures_alone(tmp_path: Path) -> None:
     whole = made_up(FEW, 16)
     bare = Comparison("s", "neural", "gltf", "gaussian", whole.methods, (), tuple(figures))
     page = Page(write_report(bare, None, tmp_path / "a")[0].read_text(encoding="utf-8"))
-    assert [a["id"] for a in page.all("section")] == ["figures", "made"] and page.all("p", id="verdict")
+    assert [a["id"] for a in page.all("section")] == ["decibels", "figures", "made"] and page.all("p", id="verdict")
     assert not page.all("div", class_="clock js")
     opened = replace(bare, methods=(Method("baked", "neural", "gaussian", "gltf", None, tmp_path),), figures=())
     text = write_report(opened, None, tmp_path / "b")[0].read_text(encoding="utf-8")

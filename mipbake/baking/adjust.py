@@ -74,7 +74,7 @@ class Adjustments:
 
 
 @dataclass(frozen=True)
-class AdjustedRecipe(Recipe, Adjustments):
+class AdjustedRecipe(Adjustments, Recipe):
     """What `mipbake.bake` takes as options."""
 
 

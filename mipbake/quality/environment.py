@@ -265,7 +265,7 @@ def lighting_named(name: str, lights: int = LIGHTS) -> Lighting:
     if name not in ENVIRONMENTS and exists(Path(name)):
         return from_file(Path(name), lights)
     image = ", or the path of a latitude-longitude HDR image"
-    return ENVIRONMENTS[known_name("light", name, ENVIRONMENTS, image)](lights)
+    return ENVIRONMENTS[known_name("lighting", name, ENVIRONMENTS, image)](lights)
 
 
 def _solid_angles(height: int, width: int) -> Array:
