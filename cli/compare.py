@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -169,7 +170,9 @@ def compare(
             def written(found: Comparison, begun: bool = False) -> tuple[Comparison, list[Path]]:
                 whole = replace(found, source=described)
                 source = texture_set.filtered(found.pixel_filter)
-                return whole, write_report(whole, source, place, progress, begun)
+                # The first page is no part of the whole work: the last one is, under the name of the page.
+                step = partial(_first_page, progress) if begun else progress
+                return whole, write_report(whole, source, place, step, begun)
 
             def begun(found: Comparison) -> None:
                 first, *_ = written(found, begun=True)[1]
@@ -189,6 +192,10 @@ def compare(
 
     results = over_sets(session, sources, load, compare_one)
     session.results(results)
+
+
+def _first_page(progress: Callable[[str, float], None], _phase: str, share: float) -> None:
+    progress("first page", share)
 
 
 def _print(session: Session, comparison: Comparison, place: Path, files: Sequence[Path], progress: Timings) -> None:

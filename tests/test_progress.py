@@ -49,7 +49,7 @@ def test_shares_are_of_all_the_work_and_never_go_back(monkeypatch: pytest.Monkey
     line.show("prefilter", 0.25)
     assert "50%" in line.text(None)
     line.show("a phase that is not in the list", 1.0)
-    assert line.text(None).startswith("wood: a phase that is not in the list, ")
+    assert line.text(None).startswith("wood: a phase that is not in the list, 50%, ")
     line.show("write", 1.0)
     assert line.text(None) == "wood: writing files, 100%, 0:40"
 

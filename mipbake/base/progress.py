@@ -38,6 +38,7 @@ WORDS: Mapping[str, str] = {
     "temporal slice": "turning the light",
     "apparent BRDF": "plotting reflections",
     "report": "writing the page",
+    "first page": "writing a first page",
     "views": "rendering references",
     "fit": "fitting texels",
 }
@@ -80,11 +81,13 @@ class ProgressLine:
             self._began, self._share = time.monotonic(), 0.0
         if phase != self._phase:
             self._phase, self._note = phase, ""
-        names = list(self._parts)
         if phase in self._parts:
+            names = list(self._parts)
             before = sum(self._parts[name] for name in names[: names.index(phase)])
-            share = (before + self._parts[phase] * share) / sum(self._parts.values())
-        self._share, self._left = max(self._share, share) if self._parts else share, left
+            share = max(self._share, (before + self._parts[phase] * share) / sum(self._parts.values()))
+        elif self._parts:
+            share = self._share
+        self._share, self._left = share, left
 
     def idle(self) -> None:
         """Nothing is being done: there is no line until something is."""
