@@ -90,6 +90,13 @@ def test_single_lights_and_small_pictures_say_how_every_distance_looks(
     assert found == in_words(effects(*expected))  # the coarsest levels are seen near the horizon alone
 
 
+def test_a_stack_that_looks_worse_in_small_pictures_gains_nowhere() -> None:
+    """Waves that glint are calmer under single lights, and darker than they should be in films."""
+    found = measured(SAME, MAGNIFIED, MAGNIFIED, CALMER, CALMER, CALMER)
+    assert verdict(replace(found, visible=1.07)) == in_words(effects(0, -1, 0))
+    assert verdict(replace(found, visible=1.02)) == in_words(effects(0, 0, 1))
+
+
 def test_stacks_of_few_levels_say_nothing_of_far_away() -> None:
     assert verdict(measured(SAME, CALMER)) == in_words({"near": 0, "middle": 1})
 

@@ -73,30 +73,32 @@ _SURE = 2.0  # standard errors
 def verdict(measured: Measured) -> Verdict:
     """What was measured of a stack, in words."""
     effects: dict[Distance, Effect] = {}
+    visible = measured.visible
+    worse = visible is not None and -math.log(visible) < _LOST
     for distance, levels in _LEVELS.items():
         found = [each.looks for each in measured.levels if each.level in levels and each.looks is not None]
         if found:
-            effects[distance] = _effect(found, distance)
+            effects[distance] = _effect(found, distance, worse)
     if not effects:  # stacks of versions that measured one figure
-        visible = measured.visible
         effects = dict.fromkeys(DISTANCES, 1 if visible is not None and not measured.looks_plain else 0)
     return in_words(effects)
 
 
-def _effect(found: Sequence[Looks], distance: Distance) -> Effect:
-    """Of the levels of a distance together.
+def _effect(found: Sequence[Looks], distance: Distance, worse: bool) -> Effect:
+    """Of the levels of a distance together. `worse`: whether small pictures of the whole stack look worse, which then
+    gains nowhere.
 
     Still pictures hardly show what shimmers, and films do. So how much cleaner renders are under single lights counts
     times how much of the error of plain MIP maps can be seen at all.
     """
     decibels = [each.snr_gain.get(_MIRROR, 0.0) for each in found]
     seen = [math.sqrt(max(0.0, each.plain**2 - UNSEEN)) for each in found]
-    if fmean(gain * error for gain, error in zip(decibels, seen, strict=True)) >= _SEEN[distance]:
+    if not worse and fmean(gain * error for gain, error in zip(decibels, seen, strict=True)) >= _SEEN[distance]:
         return 1
     visible = fmean(math.log(each.plain / each.own) for each in found)
     error = math.sqrt(sum(each.error**2 for each in found)) / len(found)
-    # Small pictures also show texels larger than pixels, which films do not: decibels have to agree to a loss.
-    return -1 if visible < min(_LOST, -_SURE * error) and fmean(decibels) < 0 else 0
+    # Small pictures also show texels larger than pixels, which films do not: something else has to agree to a loss.
+    return -1 if visible < min(_LOST, -_SURE * error) and (worse or fmean(decibels) < 0) else 0
 
 
 def in_words(effects: Mapping[Distance, Effect], better: str = "") -> Verdict:
