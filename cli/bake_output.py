@@ -114,7 +114,7 @@ class Printer(Listener):
             f"time: {timings.summary()}",
         )
         self.session.print(
-            *verdict_lines(result),
+            *(f"{stack.name}: {line}" if job.tiled else line for line in verdict_lines(result)),
             *(f"warning: {line}" for line in result.warnings if line not in job.warnings),  # which `read` has told
             *([_wrote(result.out, result.files, sized=not made.promise)] if result.files and not job.tiled else []),
         )

@@ -82,7 +82,8 @@ class Session:
         """Prints the JSON object of --json, which begins with the version."""
         if self.json:
             whole = {"version": __version__, **content}
-            sys.stdout.write(json.dumps(plain(whole), indent=2, allow_nan=False) + "\n")
+            with self.aside():
+                sys.stdout.write(json.dumps(plain(whole), indent=2, allow_nan=False) + "\n")
 
     def results(self, results: Sequence[Mapping[str, Any]]) -> None:
         """`dump` for what was done with each source."""

@@ -18,7 +18,7 @@ import mipbake
 from mipbake.baking import Listener, bake_sources
 from mipbake.baking.methods import PrefilterResult
 from mipbake.baking.search import checkpoint
-from mipbake.baking.search.checkpoint import Checkpoint, Kept, discard
+from mipbake.baking.search.checkpoint import Checkpoint, discard
 from mipbake.baking.search.long_run import LongRun, Stop, never
 from mipbake.baking.search.methods import Auto
 from mipbake.base import checkpoints
@@ -132,10 +132,12 @@ def test_a_damaged_checkpoint_costs_time_alone(tmp_path: Path, whole: PrefilterR
     good = {file: file.read_bytes() for file in path.iterdir()}
     assert {file.name for file in good} == {"lock", "start.npz", "region-0.npz", "region-1.npz"}
 
-    def loaded(notes: list[str]) -> Kept | None:
+    begun: Any = id
+
+    def loaded(notes: list[str]) -> object:
         """What is kept: whole searches would take long."""
         with closing(Checkpoint(path, of, False, notes.append)) as kept:
-            return kept.load()
+            return kept.load(begun)
 
     for number, (file, data) in enumerate(damages(path)):
         file.write_bytes(data)
@@ -191,6 +193,21 @@ def test_a_checkpoint_of_another_search_is_not_used(tmp_path: Path, change: dict
     notes.clear()
     searched(path, lambda: True, notes.append, **change)  # it has taken the place of the other
     assert notes[0].startswith(f"going on from the checkpoint {path}, after ")
+
+
+def test_a_checkpoint_that_lacks_something_is_not_used(tmp_path: Path) -> None:
+    """As those of another checkout of the same version may."""
+    path, notes = tmp_path / "kept", list[str]()
+    first = searched(path, lambda: True)
+    with np.load(path / "start.npz") as file:
+        checkpoints.write_arrays(path / "start.npz", {name: file[name] for name in file if name != "seen 0"})
+    assert same(searched(path, lambda: True, notes.append), first)
+    assert notes[0] == (
+        f"the checkpoint {path} is not used, because it cannot be read ('seen 0' is missing): the search begins anew"
+    )
+    notes.clear()
+    searched(path, lambda: True, notes.append)  # a new one has taken its place
+    assert notes[0].startswith("going on from the checkpoint")
 
 
 @pytest.mark.long

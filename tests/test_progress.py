@@ -54,6 +54,16 @@ def test_shares_are_of_all_the_work_and_never_go_back(monkeypatch: pytest.Monkey
     assert line.text(None) == "wood: writing files, 100%, 0:40"
 
 
+def test_a_time_that_is_known_counts_down(monkeypatch: pytest.MonkeyPatch) -> None:
+    line = ProgressLine(io.StringIO(), "library")
+    line.show("baking", 0.25, 30.0)
+    began = time.monotonic()
+    monkeypatch.setattr(progress.time, "monotonic", lambda: began + 10.0)
+    assert line.text(None) == "library: baking, 25%, 0:10, 20 s left"
+    monkeypatch.setattr(progress.time, "monotonic", lambda: began + 40.0)
+    assert line.text(None) == "library: baking, 25%, 0:40"
+
+
 def test_a_pipe_gets_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(progress, "EVERY", 0.05)
     stream = io.StringIO()

@@ -7,7 +7,9 @@ import pickle
 import pydoc
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -101,6 +103,9 @@ def test_paths_stand_for_sets_and_stacks(stack: mipbake.MipStack, tmp_path: Path
         ({"target": "disney"}, "unknown target 'disney'.*auto, gltf"),
         ({"pixel_filter": "lanczos"}, "'lanczos'.*gaussian, box"),
         ({"strenght": 0.5}, "unknown option 'strenght'.*strength.*preset"),
+        ({"strength": "half"}, "strength is 'half': expected a number from 0 to 1"),
+        ({"min_roughness": None}, "min_roughness is None: expected a number"),
+        ({"keep_level0": "no"}, "keep_level0 is 'no': expected True or False"),
     ],
 )
 def test_errors_name_the_choices(wrong: dict[str, object], said: str) -> None:
@@ -112,6 +117,44 @@ def test_errors_name_the_choices(wrong: dict[str, object], said: str) -> None:
 def test_what_is_no_source_is_told(wrong: object) -> None:
     with pytest.raises(mipbake.UsageError, match=r"the source is a \w+: expected a path.*TextureSet.from_arrays"):
         mipbake.bake(wrong)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"format": ["exr"]}, r"the format is \['exr'\]: expected names"),
+        ({"format": 5}, "the format is 5: expected names"),
+        ({"levels": 0}, "0 levels were asked for: expected 1 or more"),
+    ],
+)
+def test_what_cannot_be_saved_is_told(
+    stack: mipbake.MipStack, tmp_path: Path, wrong: dict[str, Any], said: str
+) -> None:
+    with pytest.raises(mipbake.UsageError, match=said):
+        stack.save(tmp_path / "out", **wrong)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_stack_for_an_engine_of_a_later_version_is_saved(stack: mipbake.MipStack, tmp_path: Path) -> None:
+    made = replace(stack, provenance=replace(stack.provenance, preset="cryengine"))
+    assert made.save(tmp_path / "out", "exr")[1].suffix == ".exr"
+    with pytest.raises(mipbake.UsageError, match="unknown preset 'cryengine'"):
+        made.save(tmp_path / "other", preset="cryengine")
+
+
+def test_a_target_beside_the_preset_of_a_bake_is_written(tmp_path: Path) -> None:
+    """As the command does."""
+    made = mipbake.bake(SET, "linear", preset="unreal", target="gltf-anisotropic")
+    assert made.save(tmp_path / "out")
+    with pytest.raises(mipbake.UsageError, match="the preset unreal takes stacks of gltf"):
+        made.save(tmp_path / "other", preset="unreal")
+
+
+def test_a_map_is_no_level(stack: mipbake.MipStack) -> None:
+    with pytest.raises(TypeError, match="'roughness' is no number of a level.*stack.roughness"):
+        stack["roughness"]  # type: ignore[index]
+    with pytest.raises(mipbake.UsageError, match="the stack is of type int: expected a MipStack"):
+        mipbake.validate(SET, 5)  # type: ignore[arg-type]
 
 
 def test_a_comparison_is_checked_before_any_work() -> None:

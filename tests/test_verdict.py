@@ -116,3 +116,6 @@ def test_what_was_measured_is_read_back_and_old_stacks_have_no_looks() -> None:
         del each["looks"]
     old = measured_from(content)
     assert old is not None and {each.looks for each in old.levels} == {None} and old.visible == 0.9
+    content["levels"][0]["looks"] = {"own": 0.0, "plain": 0.1, "error": 0.1, "snr_gain": {}}
+    with pytest.raises(ValueError, match="expected more than 0"):
+        measured_from(content)

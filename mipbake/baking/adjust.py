@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from numbers import Real
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,8 +48,11 @@ class Adjustments:
     def __post_init__(self) -> None:
         """UsageError for what is out of range."""
         for name, value in (("strength", self.strength), ("min_roughness", self.min_roughness)):
-            if not 0 <= value <= 1:
-                raise UsageError(f"{name} is {value:g}: expected a number from 0 to 1")
+            if not isinstance(value, Real) or not 0 <= value <= 1:
+                said = f"{value:g}" if isinstance(value, Real) else repr(value)
+                raise UsageError(f"{name} is {said}: expected a number from 0 to 1")
+        if not isinstance(self.keep_level0, bool):
+            raise UsageError(f"keep_level0 is {self.keep_level0!r}: expected True or False")
 
     @classmethod
     def of(cls, options: object) -> Adjustments:

@@ -61,7 +61,7 @@ class ProgressLine:
         self._stream, self._label, self._parts = stream, label, parts or {}
         self._terminal = stream.isatty()
         self._phase, self._share, self._note = "", 0.0, ""
-        self._left: float | None = None
+        self._end: float | None = None  # when the work is over, where that is known better than by its share
         self._drawn, self._began = 0, time.monotonic()
         self._lock, self._ended = RLock(), Event()
         self._thread = Thread(target=self._draw_often, daemon=True)
@@ -87,7 +87,8 @@ class ProgressLine:
             share = max(self._share, (before + self._parts[phase] * share) / sum(self._parts.values()))
         elif self._parts:
             share = self._share
-        self._share, self._left = share, left
+        self._share = share
+        self._end = None if left is None else time.monotonic() + left
 
     def idle(self) -> None:
         """Nothing is being done: there is no line until something is."""
@@ -107,8 +108,9 @@ class ProgressLine:
 
     def text(self, columns: int | None) -> str:
         """The line as it is now, in so many columns at most, with a bar; None for all words and no bar."""
-        seconds = time.monotonic() - self._began
-        left = self._left
+        now, end = time.monotonic(), self._end
+        seconds = now - self._began
+        left = None if end is None else end - now
         if left is None and seconds > _KNOWN and self._share >= _LEAST:
             left = seconds * (1 - self._share) / self._share
         percent = f"{self._share:.0%}"

@@ -145,7 +145,10 @@ def _looks(content: Any) -> Looks | None:
     if content is None:
         return None
     gain = {str(pair_set): float(value) for pair_set, value in content["snr_gain"].items()}
-    return Looks(float(content["own"]), float(content["plain"]), float(content["error"]), gain)
+    own, plain = float(content["own"]), float(content["plain"])
+    if not (own > 0 and plain > 0):
+        raise ValueError(f"visible errors are {own} and {plain}: expected more than 0")
+    return Looks(own, plain, float(content["error"]), gain)
 
 
 def _names(content: Any) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,7 +35,7 @@ from mipbake.stack.map_files import MapFile, listed_files, save_maps, write_file
 from mipbake.stack.measured import measured_from
 from mipbake.stack.output import GLB, Output, check_outputs, planned
 from mipbake.stack.packing import unpacked
-from mipbake.stack.presets import preset_named, wanted_outputs
+from mipbake.stack.presets import PRESETS, preset_named, wanted_outputs
 from mipbake.stack.sidecars import FORMAT, check_sidecar, sidecar_named
 from mipbake.stack.stack import MipStack, Provenance
 
@@ -57,6 +57,8 @@ def save(
 ) -> list[Path]:
     """What `MipStack.save` does, which says what the arguments are."""
     outputs, texels = _wanted(stack, format, preset)
+    if levels is not None and levels < 1:
+        raise UsageError(f"{levels} levels were asked for: expected 1 or more, or None for all")
     check_outputs(outputs, stack.model)
     check_output(place, None if known else stack.provenance.sources)
     if texels is not None and glb is None:
@@ -104,20 +106,26 @@ def _wanted(
     if not (format is None or isinstance(format, str)):
         if preset is not None:
             raise UsageError("outputs and a preset were both given: expected one of the two")
-        return tuple(format), None
-    name = stack.provenance.preset if preset is None else preset
+        outputs = tuple(format) if isinstance(format, Iterable) else ()
+        if not isinstance(format, Iterable) or not all(isinstance(each, Output) for each in outputs):
+            raise UsageError(
+                f"the format is {format!r}: expected names separated by commas, such as 'exr,png', or outputs"
+            )
+        return outputs, None
+    remembered = stack.provenance.preset
+    name = preset if preset is not None else remembered if remembered in PRESETS else None  # later versions have others
     engine = None if name is None else preset_named(name)
     outputs, glb, texels = wanted_outputs(engine, format)
     if engine is not None:
         height, width = stack.size
         allowed = [m for m in GLTF_MODELS if engine.anisotropic or not MODELS[m].anisotropic]
-        if stack.model not in allowed:
+        if preset is not None and stack.model not in allowed:  # who named a target beside the preset of a bake knows
             raise UsageError(
                 f"the preset {engine.name} takes stacks of {' or '.join(allowed)}, and {stack.name!r} is of "
                 f"{stack.model}: bake it for the target gltf"
             )
         blocks = any(not output.container.exact for output in outputs)
-        # Who named a sampler beside the preset of a bake knows of it.
+        # Who named a sampler beside the preset of a bake knows, too.
         sampler = None if preset is None else stack.provenance.sampler
         for sentence in [*engine.check(width, height, blocks), *engine.check_sampler(sampler)]:
             warnings.warn(sentence, stacklevel=4)
@@ -143,7 +151,11 @@ def sidecar_files(plans: Sequence[tuple[Output, Sequence[MapFile]]]) -> list[Map
 
 def as_stack(stack: MipStack | str | os.PathLike[str]) -> MipStack:
     """A stack as it is, or as `open_stack` reads it."""
-    return stack if isinstance(stack, MipStack) else open_stack(Path(stack))
+    if isinstance(stack, MipStack):
+        return stack
+    if not isinstance(stack, (str, os.PathLike)):
+        raise UsageError(f"the stack is of type {type(stack).__name__}: expected a MipStack, or the folder of one")
+    return open_stack(Path(stack))
 
 
 def open_stack(path: str | Path) -> MipStack:

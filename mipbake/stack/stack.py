@@ -144,6 +144,10 @@ class MipStack:
 
     def __getitem__(self, level: int) -> dict[str, NDArray[np.float32]]:
         """Every map at a level, by name: (H_L, W_L, channels of the map). A map of fewer levels gives its last one."""
+        if isinstance(level, str):
+            raise TypeError(
+                f"{level!r} is no number of a level: stack[0] has the maps of the finest, stack.roughness all"
+            )
         if not -len(self) <= operator.index(level) < len(self):
             raise IndexError(f"level {level} of a stack of {len(self)} levels")
         index = level % len(self)

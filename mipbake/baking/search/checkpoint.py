@@ -82,8 +82,12 @@ class Checkpoint:
         self._done = set[int]()
         self._last = time.monotonic()
 
-    def load(self) -> Kept | None:
-        """The search as it was kept; None where there is nothing, or nothing of this search."""
+    def load(self, begun: Callable[[Kept], Blend]) -> tuple[Kept, Blend] | None:
+        """The search as it was kept, and its start; None where there is nothing, or nothing of this search.
+
+        Args:
+            begun: makes the start, as `start_of` does, which another checkout of the same version may not have kept.
+        """
         try:
             if not self.path.is_dir() or not self._locked():
                 return None
@@ -92,11 +96,14 @@ class Checkpoint:
             regions = {path: about for path, about in files if about["key"] == start["key"]}
             why = self._other(start, [start, *regions.values()])
             if not why:
-                return self._read(start, regions)
+                kept = self._read(start, regions)
+                first = begun(kept)
+                self._key, self._done = start["key"], set(kept.done)
+                return kept, first
         except FileNotFoundError:  # a process was killed before it had written the start
             return None
         except DAMAGED as error:
-            why = f"it cannot be read ({error})"
+            why = f"it cannot be read ({error}{' is missing' if isinstance(error, KeyError) else ''})"
         self._note(f"the checkpoint {self.path} is not used, because {why}: the search begins anew")
         return None
 
@@ -167,9 +174,9 @@ class Checkpoint:
                     levels[level] = memory.copied(first[level])
                 into[_level(level)] = levels[level][slice(*rows), slice(*columns)]
             read_arrays(path, partial(_place_in, into))
-        self._key, self._done = start["key"], {int(about["index"]) for about in regions.values()}
+        done = frozenset(int(about["index"]) for about in regions.values())
         seconds = max(float(each["seconds"]) for each in (start, *regions.values()))
-        return Kept(arrays, start, levels, frozenset(self._done), seconds)
+        return Kept(arrays, start, levels, done, seconds)
 
     def _write(
         self, start: Blend, levels: Sequence[Image], done: Mapping[int, Windows], about: Mapping[str, Any]

@@ -88,15 +88,17 @@ class Search:
 
     def begin(self, ingredients: Sequence[Ingredient], plan: Plan) -> None:
         """Goes on from the checkpoint; without one, looks the ingredients up and makes a stack of them."""
-        found = None if self.checkpoint is None else self.checkpoint.load()
+        begun = partial(start_of, problem=self.problem, effort=self.effort, judged_by=self.judged_by, seed=self.seed)
+        found = None if self.checkpoint is None else self.checkpoint.load(begun)
         if self.checkpoint is None or found is None:
             self._begin_with(self._made(ingredients, plan))
             return
-        spent = time_text(found.seconds) + ("" if math.isinf(self.seconds) else f" of {time_text(self.seconds)}")
+        kept, start = found
+        spent = time_text(kept.seconds) + ("" if math.isinf(self.seconds) else f" of {time_text(self.seconds)}")
         self.long_run.note(f"going on from the checkpoint {self.checkpoint.path}, after {spent}")
-        self._begin_with(start_of(found, self.problem, self.effort, self.judged_by, self.seed))
-        self.levels, self.done = found.levels, found.done
-        self.began -= found.seconds
+        self._begin_with(start)
+        self.levels, self.done = kept.levels, kept.done
+        self.began -= kept.seconds
 
     def _made(self, ingredients: Sequence[Ingredient], plan: Plan) -> Blend:
         """A stack made of ingredients, whose lookups, hundreds of megabytes, nothing after this needs."""
