@@ -151,7 +151,7 @@ def test_a_target_beside_the_preset_of_a_bake_is_written(tmp_path: Path) -> None
 
 
 def test_a_map_is_no_level(stack: mipbake.MipStack) -> None:
-    with pytest.raises(TypeError, match="'roughness' is no number of a level.*stack.roughness"):
+    with pytest.raises(TypeError, match=r"'roughness' is no number of a level.*stack\.roughness"):
         stack["roughness"]  # type: ignore[index]
     with pytest.raises(mipbake.UsageError, match="the stack is of type int: expected a MipStack"):
         mipbake.validate(SET, 5)  # type: ignore[arg-type]

@@ -131,7 +131,7 @@ def test_a_sampler_is_read_from_what_it_is_called_and_from_its_record(sampler: S
      "trilinear, bias -1.0"],
 )  # fmt: skip
 def test_what_no_sampler_is_called_is_refused(name: str) -> None:
-    with pytest.raises(UsageError, match="unknown sampler .*trilinear, anisotropic, accumulated"):
+    with pytest.raises(UsageError, match=r"unknown sampler .*trilinear, anisotropic, accumulated"):
         sampler_named(name)
     with pytest.raises(ValueError, match="unknown sampler"):
         sampler_from(name)

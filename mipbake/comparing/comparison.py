@@ -155,15 +155,18 @@ def compare(
     check_extra("compare", "a comparison")
     settings, clock = with_overrides(settings or Settings(), overrides), Timings(progress)
     if not (stack is None or isinstance(stack, MipStack)):
-        path, stack = path or Path(stack), as_stack(stack)
+        path, stack = path or Path(str(stack)), as_stack(stack)
     texture_set = as_texture_set(texture_set)
     source = texture_set.source_model
     model = stack.model if stack else settings.recipe.model(texture_set)
     kernel = stack.provenance.pixel_filter if stack else filter_named(settings.recipe.pixel_filter).name
     names, notes = default_names(source, model, kernel, stack is not None)
     if settings.methods is not None:
-        names, notes = tuple(settings.methods), ()
+        given = settings.methods
+        names, notes = tuple(map(str.strip, given.split(",")) if isinstance(given, str) else given), ()
     wanted = chosen(names, kernel)
+    if next(iter(wanted), "") == LINEAR:  # it is what others are compared with: the next one is the subject
+        wanted[LINEAR] = wanted.pop(LINEAR)
     check_options([method for method, _ in wanted.values()], settings.recipe)
     earlier = [opened(stack, path)] if stack else []
     methods = [each.method for each in earlier] + [Method(label, *form, model) for label, form in wanted.items()]

@@ -143,7 +143,7 @@ class Comparison:
 
     Args:
         name: name of the texture set.
-        subject: name of the method that the verdict is about: the opened stack, else what comes first.
+        subject: name of the method that the verdict is about: the opened stack, else the first but for plain MIP maps.
         model, pixel_filter: of the stacks.
         methods: what was compared, the subject first.
         curve: SNR of each method and pair set by level of detail, in steps of 1/4.

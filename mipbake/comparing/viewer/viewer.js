@@ -103,7 +103,7 @@ class Viewer {
 
     // What is shown or not; one picture at least is.
     toggle(index) {
-        const { sides } = this.view, chosen = sides.includes(index) ? sides.filter((side) => side !== index) : [...sides, index].sort();
+        const { sides } = this.view, chosen = sides.includes(index) ? sides.filter((side) => side !== index) : [...sides, index].sort((p, q) => p - q);
         if (chosen.length && chosen.length <= SIDES) this.change({ sides: chosen, dividers: [] });
     }
 
