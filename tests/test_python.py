@@ -162,6 +162,12 @@ def test_a_comparison_is_checked_before_any_work() -> None:
         mipbake.compare("nowhere")
     with pytest.raises(mipbake.InputError, match="no such folder"):
         mipbake.compare(SET, stack="nowhere")
+    with pytest.raises(mipbake.UsageError, match=r"unknown method 'nerual': did you mean neural"):
+        mipbake.compare(SET, methods="linear, nerual")
+    with pytest.raises(mipbake.UsageError, match=r"unknown lighting 'stuido': did you mean studio"):
+        mipbake.compare(SET, lighting="stuido")
+    with pytest.raises(mipbake.InputError, match=r"nowhere\.obj"):
+        mipbake.compare(SET, mesh="nowhere.obj")
     with pytest.raises(mipbake.UsageError, match=r"unknown option 'film'.*films"):
         mipbake.compare(SET, film=False)
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from mipbake.comparing.conditions import Condition
 from mipbake.comparing.filming import film, film_measures, missing_judge
 from mipbake.comparing.films import MOTIONS, RESOLUTION, Film, Motion, films_of
 from mipbake.comparing.meshes.mesh import Mesh
+from mipbake.comparing.meshes.mesh_file import read_mesh
 from mipbake.comparing.pictures import SHIFTED_SCALES, RenderSettings, render_view
 from mipbake.comparing.result import LINEAR, Comparison
 from mipbake.comparing.scenes import SMALLEST, SPHERE_RESOLUTION, View, mesh_views, standard_views
@@ -58,8 +59,8 @@ class Settings:
         methods: labels or names of methods (`mipbake.comparing.candidates.chosen`), the subject first where no stack is
             compared; None for auto (where there is no stack), neural and all closed forms.
         recipe: what is baked, except for its method. Methods that take a sampler make their stacks for `sampler`.
-        lighting: of renders and films; None for the studio.
-        mesh: what is rendered and filmed, in place of spheres, planes and walls.
+        lighting: of renders and films, or its name as `mipbake compare --light` takes it; None for the studio.
+        mesh: what is rendered and filmed, in place of spheres, planes and walls; or its file.
         sampler: how stacks are looked up.
         side: of a square render, in pixels; the plane is 7/4 as wide. Films are no higher than it, nor than
             `mipbake.comparing.films.RESOLUTION`.
@@ -84,6 +85,11 @@ class Settings:
     cache: Path | None = None
 
     def __post_init__(self) -> None:
+        lighting, mesh = cast(object, self.lighting), cast(object, self.mesh)
+        if isinstance(lighting, str):
+            object.__setattr__(self, "lighting", environment.lighting_named(lighting))
+        if isinstance(mesh, (str, Path)):
+            object.__setattr__(self, "mesh", read_mesh(Path(mesh)))
         for name, value, low in (("seed", self.seed, 0), ("size (side)", self.side, SMALLEST)):
             if value < low:
                 raise UsageError(f"{name} of the comparison is {value}: expected {low} or more")

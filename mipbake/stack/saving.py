@@ -188,6 +188,7 @@ def open_stack(path: str | Path) -> MipStack:
 def _read_provenance(content: Mapping[str, Any]) -> Provenance:
     read = {
         "warnings": tuple(content["warnings"]),
+        "preset": None if content.get("preset") is None else str(content["preset"]),
         "promise": measured_from(content.get("promise")),
         "adjustments": tuple(content.get("adjustments", ())),
         "sampler": None if content.get("sampler") is None else sampler_from(content["sampler"]),
