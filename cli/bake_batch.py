@@ -1,4 +1,4 @@
-"""What `mipbake bake` says of a batch: lines for people, a bar, a summary, and the file of --json-log."""
+"""What `mipbake bake` says of a batch: lines for people, a summary, and the file of --json-log."""
 
 from __future__ import annotations
 

@@ -108,9 +108,9 @@ class ProgressLine:
 
     def text(self, columns: int | None) -> str:
         """The line as it is now, in so many columns at most, with a bar; None for all words and no bar."""
-        now, end = time.monotonic(), self._end
+        now = time.monotonic()
         seconds = now - self._began
-        left = None if end is None else end - now
+        left = None if self._end is None else self._end - now
         if left is None and seconds > _KNOWN and self._share >= _LEAST:
             left = seconds * (1 - self._share) / self._share
         percent = f"{self._share:.0%}"
