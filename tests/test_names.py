@@ -2,11 +2,13 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import mipbake
 from mipbake import UsageError
+from mipbake.baking import BakeOptions
 from mipbake.baking.methods import method_named
 from mipbake.base.names import known_name
 from mipbake.comparing.films import motion_named
@@ -67,3 +69,22 @@ def test_a_bake_records_names_as_lists_have_them(tmp_path: Path) -> None:
     code, said = bake(metal, "-o", tmp_path / "out", *options)
     stack = said["results"][0]["stack"]
     assert code == 0 and stack["model"] == "gltf" and stack["provenance"]["pixel_filter"] == "box"
+
+
+def test_options_are_the_same_however_they_are_spelt() -> None:
+    """So that a bake is found unchanged."""
+    spelt: dict[str, Any] = {
+        "method": "Linear",
+        "preset": "Unreal",
+        "format": "DDS, exr",
+        "packing": "ORM",
+        "write_normals": "DirectX",
+    }
+    plain: dict[str, Any] = {
+        "method": "linear",
+        "preset": "unreal",
+        "format": "dds,exr",
+        "packing": "orm",
+        "write_normals": "directx",
+    }
+    assert BakeOptions(**spelt).plan() == BakeOptions(**plain).plan()

@@ -86,6 +86,9 @@ class BakeOptions(Recipe):
         target = options.target or AUTO_TARGET
         preset = preset_named(self.preset) if self.preset else None
         outputs, glb, texels = wanted_outputs(preset, self.format, self.packing, self.write_normals)
+        for name in ("format", "packing", "write_normals"):  # however they are spelt: what was baked is found by them
+            if (given := getattr(options, name)) is not None:
+                options = replace(options, **{name: ",".join(map(str.strip, given.lower().split(",")))})
         if self.sidecar is not None:
             options = replace(options, sidecar=check_sidecar(self.sidecar))
             if all(output.container.name != FORMAT for output in outputs):
