@@ -62,6 +62,8 @@ def test_a_time_that_is_known_counts_down(monkeypatch: pytest.MonkeyPatch) -> No
     assert line.text(None) == "library: baking, 25%, 0:10, 20 s left"
     monkeypatch.setattr(progress.time, "monotonic", lambda: began + 40.0)
     assert line.text(None) == "library: baking, 25%, 0:40"
+    line.show("baking", 0.5, float("inf"))
+    assert line.text(None) == "library: baking, 50%, 0:40"
 
 
 def test_a_pipe_gets_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch) -> None:

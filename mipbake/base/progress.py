@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections.abc import Iterator, Mapping
@@ -114,7 +115,7 @@ class ProgressLine:
         if left is None and seconds > _KNOWN and self._share >= _LEAST:
             left = seconds * (1 - self._share) / self._share
         percent = f"{self._share:.0%}"
-        times = _clock(seconds) + (f", {time_text(round(left))} left" if left and left >= 1 else "")
+        times = _clock(seconds) + (f", {time_text(round(left))} left" if left and 1 <= left < math.inf else "")
         words = WORDS.get(self._phase) or WORDS.get(self._phase.partition("-")[0], self._phase)
         note = f", {self._note}" if self._note else ""
         if columns is None:
