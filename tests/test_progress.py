@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import io
+import json
 import os
 import struct
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
 from mipbake.base import progress
 from mipbake.base.progress import ProgressLine
+from mipbake.cli.session import Session
 
 from .command_line import write_set
 
@@ -41,6 +45,29 @@ def test_80_columns_hold_all_of_it(label: str, seconds: float, monkeypatch: pyte
     assert (" left" in text) == (seconds > 3) and {0.5: " 0:00", 125.0: " 2:05,", 7300.0: " 2:01:40,"}[seconds] in text
     if label == LONG:
         assert text.startswith("a_te") and "..." in text and "jpg: making" in text
+
+
+def test_a_narrow_terminal_has_words_and_times_before_a_bar(monkeypatch: pytest.MonkeyPatch) -> None:
+    line = at(40.0, "wood", "prefilter", 0.5, monkeypatch)
+    assert line.text(59) == "wood: making MIP levels".ljust(36) + "  50% 0:40, 40 s left   "[:23]
+    assert line.text(19) == "  50% 0:40, 40 s le"
+
+
+def test_json_is_not_printed_into_the_line(capsys: pytest.CaptureFixture[str]) -> None:
+    line, session = ProgressLine(io.StringIO()), Session(json=True)
+    away: list[str] = []
+
+    @contextmanager
+    def aside() -> Iterator[None]:
+        away.append(capsys.readouterr().out)
+        yield
+        away.append(capsys.readouterr().out)
+
+    line.aside = aside  # type: ignore[method-assign]
+    session.line = line
+    session.results([])
+    before, printed = away
+    assert not before and json.loads(printed)["results"] == []
 
 
 def test_shares_are_of_all_the_work_and_never_go_back(monkeypatch: pytest.MonkeyPatch) -> None:

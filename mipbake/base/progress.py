@@ -19,6 +19,7 @@ EVERY = 10.0
 
 _IN_TERMINAL = 0.2  # seconds between two looks of the line; nothing is drawn by who does the work
 _BAR, _TIMES, _NARROW = 14, 17, 80  # columns of the bar, of times, and of a terminal that does not say how wide it is
+_BARRED = 64  # columns from which there is room for a bar beside words
 _KNOWN = 3.0  # seconds after which the time that is left is said, and
 _LEAST = 0.02  # the least share that it is said from
 
@@ -121,7 +122,8 @@ class ProgressLine:
         if columns is None:
             return f"{self._label}: {words}{note}, {percent}, {times}"
         full = round(_BAR * min(1.0, self._share))
-        end = f" {self._bar(full)} {percent:>4} {times:{_TIMES}}"
+        bar = f" {self._bar(full)}" if columns >= _BARRED else ""
+        end = f"{bar} {percent:>4} {times:{_TIMES}}"
         room = max(columns - len(end), 0)
         label = without_middle(self._label, max(room - len(words) - 2 - _wide(self._label), 8))
         room -= _wide(label)
