@@ -100,3 +100,9 @@ def test_a_tile_that_lacks_a_map_is_named(tmp_path, capsys, role) -> None:
     said = capsys.readouterr().err
     assert "mipbake: tile 1002: " in said and f"no {role.removesuffix('_gl')} map" in said and said.count("\n") == 1
     assert not (tmp_path / "out").exists()  # all tiles or none
+
+
+def test_a_verdict_says_which_tile_it_is_about(tmp_path, capsys) -> None:
+    assert main(["bake", str(tiles(tmp_path / "rock")), "-o", str(tmp_path / "out"), "--strength", "0.5"]) == 0
+    said = [line for line in capsys.readouterr().out.splitlines() if "No verdict" in line]
+    assert [line.partition(": ")[0] for line in said] == [f"rock_{tile}" for tile in TILES]
