@@ -70,7 +70,7 @@ def preview(
         else:
             folder = out if alone else out / job.place / texture_set.name
         check_report(folder)
-        with timings(session, texture_set.name) as progress:
+        with timings(session, texture_set.name, {"bake": 3, "report": 1}) as progress:
             found = baked_now(texture_set, flags.method, recipe, progress)
             found = replace(found, source=plain(job.named(texture_set.found)))
             page, *_ = write_report(found, texture_set.filtered(found.pixel_filter), folder, progress)

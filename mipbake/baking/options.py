@@ -86,9 +86,9 @@ class BakeOptions(Recipe):
         target = options.target or AUTO_TARGET
         preset = preset_named(self.preset) if self.preset else None
         outputs, glb, texels = wanted_outputs(preset, self.format, self.packing, self.write_normals)
-        for name in ("format", "packing", "write_normals"):  # however they are spelt: what was baked is found by them
-            if (given := getattr(options, name)) is not None:
-                options = replace(options, **{name: ",".join(map(str.strip, given.lower().split(",")))})
+        # What was baked is found by its options, however they are spelt.
+        format, packing, normals = map(_plainly, (self.format, self.packing, self.write_normals))
+        options = replace(options, format=format, packing=packing, write_normals=normals)
         if self.sidecar is not None:
             options = replace(options, sidecar=check_sidecar(self.sidecar))
             if all(output.container.name != FORMAT for output in outputs):
@@ -105,6 +105,10 @@ class BakeOptions(Recipe):
             what = f"format {GLB}" if glb else "--keep-level0, --strength and --min-roughness"
             raise UsageError(f"the target {target} does not go with {what}: expected {' or '.join(GLTF_MODELS)}")
         return BakePlan(options, target, preset, outputs, glb, documents, adjustments, texels)
+
+
+def _plainly(names: str | None) -> str | None:
+    return None if names is None else ",".join(name.strip().lower() for name in names.split(","))
 
 
 @dataclass(frozen=True)
