@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import gc
 import os
+import re
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -20,6 +21,7 @@ from mipbake.base.errors import MipbakeError
 from mipbake.base.extras import told_of
 from mipbake.base.leftovers import unfinished
 from mipbake.base.messages import listed, one_line
+from mipbake.base.names import unknown
 from mipbake.base.version import __version__
 from mipbake.cli.commands import Commands
 from mipbake.cli.session import Session
@@ -113,7 +115,7 @@ def _common(
     ] = False,
     debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an unexpected error.")] = False,
 ) -> None:
-    """Bake PBR texture sets into MIP stacks that keep their appearance at every scale, level 0 included."""
+    """Bake PBR texture sets into MIP maps that look right from near and far, for game engines and renderers."""
     from mipbake import _native
 
     del version, cmake_dir
@@ -208,7 +210,8 @@ def _parsing_message(error: Exception) -> str:
     path = context.command_path if context else "mipbake"
     expected = ""
     if context and isinstance(context.command, Commands) and "command" in message.lower():
-        message = message.partition(" Did you mean")[0]
+        if wrong := re.search("'([^']*)'", message):
+            return f"{unknown('command', wrong[1], context.command.list_commands(context))}; see `{path} --help`"
         expected = f": expected one of {', '.join(context.command.list_commands(context))}"
     message = " ".join(message.split()).rstrip(".?")
     return f"{message[:1].lower()}{message[1:]}{expected}; see `{path} --help`"

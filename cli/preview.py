@@ -74,7 +74,7 @@ def preview(
             found = baked_now(texture_set, flags.method, recipe, progress)
             found = replace(found, source=plain(job.named(texture_set.found)))
             page, *_ = write_report(found, texture_set.filtered(found.pixel_filter), folder, progress)
-        session.print(f"wrote {page}")
+        session.print(f"wrote {page}", f"for a verdict, which takes minutes: mipbake compare {job.source} -o report")
         if flags.open and _has_screen():
             webbrowser.open(page.absolute().as_uri())
         return {"page": page}

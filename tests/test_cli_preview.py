@@ -31,7 +31,7 @@ def test_a_preview_is_the_view_alone_and_is_opened(
 ) -> None:
     assert main(["preview", str(write_set(tmp_path / "metal"))]) == 0
     (written,) = (tmp_path / "temporary").glob("*/metal/index.html")
-    assert opened == [written.as_uri()] and capsys.readouterr().out == f"wrote {written}\n"
+    assert opened == [written.as_uri()] and capsys.readouterr().out.startswith(f"wrote {written}\nfor a verdict, ")
     text = written.read_text(encoding="utf-8")
     assert [each["name"] for each in scene_of(text)["images"]] == ["truth", "plain MIP maps", "mipbake"]
     assert [section["id"] for section in Page(text).all("section")] == ["view", "made"]

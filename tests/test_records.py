@@ -53,7 +53,7 @@ def test_a_page_says_which_release_it_is_of_and_whether_goldens_differ(
         return " ".join(making.release(names, record.Records(tmp_path), golden | changes).split())
 
     assert words("one", "two", "gone").endswith("measured 2026-01-01 to 2026-02-01 (records `one`, `two`).")
-    assert "The golden films and stacks have changed since" in words("one", "two", stacks="x", films="y")
+    assert "What the code makes has changed since" in words("one", "two", stacks="x", films="y")
     assert words("time", stacks="x") == "The figures are of release 0.1.0, measured 2026-01-03 (record `time`)."
     assert words("gone").startswith("Nobody has measured")
 

@@ -252,12 +252,12 @@ def test_the_first_table_has_what_films_show_and_the_better_is_marked() -> None:
     ]
     films = [filmed(name) for name in ("floor", "wall")]
     films[1] = replace(films[1], scene=replace(films[1].scene, lod=0.2))
-    found = with_films([*jods(floor=(9.0, 9.0, 8.2), wall=(9.7, 9.75, 9.4)), *flicker], FEW, films=tuple(films))
+    found = with_films([*jods(floor=(9.0, 9.05, 8.2), wall=(9.7, 9.95, 9.4)), *flicker], FEW, films=tuple(films))
     rows = [row.split("</td>") for row in seen_table(found).split("<tr>")[3:]]
     cells = [[(re.sub("<[^>]*>", " ", cell).split(), "win" in cell) for cell in row[:4]] for row in rows]
     assert cells == [
-        [(["Near", "A", "wall", "9.75"], True), (["9.70"], False), (["1.60"], False), (["1.10"], True)],
-        [(["Middle", "distance", "A", "floor", "9.00"], True), (["9.00"], True), (["\N{EN DASH}"], False),
+        [(["Near", "A", "wall", "9.95"], True), (["9.70"], False), (["1.60"], False), (["1.10"], True)],
+        [(["Middle", "distance", "A", "floor", "9.05"], True), (["9.00"], True), (["\N{EN DASH}"], False),
          (["\N{EN DASH}"], False)],
     ]  # fmt: skip
     renders = Page(seen_table(made_up(FEW, 16)))

@@ -85,7 +85,7 @@ def test_what_was_filmed(block: Block) -> None:
 
 def test_what_the_readme_says_of_films(block: Block) -> None:
     text = block("films/where", films(worse))  # 11 films gain 0.6 and one loses 0.5
-    assert "12 films of 2 sets that the network never saw, and 12 with temporal" in " ".join(text.split())
+    assert "12 films of 2 sets that mipbake never saw, and 12 with temporal" in " ".join(text.split())
     assert row(text, "all films") == "| all films | +0.51 | 92% | 8% |"
     assert row(text, "matte bumps (roughness from 0.8)") == "| matte bumps (roughness from 0.8) | +0.42 | 83% | 17% |"
     assert row(text, "glossy bumps (roughness below 0.5)").endswith(" | +0.60 | 100% | 0% |")

@@ -122,9 +122,6 @@ def release(names: Sequence[str], records: Records, today: Mapping[str, str] | N
     when = days[0] if len(days) == 1 else f"{days[0]} to {days[-1]}"
     which = f"record{'s' * (len(found) > 1)} {', '.join(f'`{record.name}`' for record in found)}"
     words = f"The figures are of release {of}, measured {when} ({which})."
-    changed = {
-        kind for record in found for kind, digest in record.measured.goldens.items() if today.get(kind) != digest
-    }
-    if changed:
-        words += f" The golden {' and '.join(sorted(changed))} have changed since, so figures of today may be others."
+    if any(today.get(kind) != digest for record in found for kind, digest in record.measured.goldens.items()):
+        words += " What the code makes has changed since, so figures of today may be others."
     return wrapped(words)

@@ -27,7 +27,7 @@ def scales_caption(records: Records) -> str:
     }
     return wrapped(
         "*The same leather from four distances. Plain MIP maps glitter in the creases from near, and are too glossy "
-        "from far away. Truth takes many samples in every pixel. The squared error of plain MIP maps is "
+        "from far away. Truth takes many samples in every pixel. The error (mean square) of plain MIP maps is "
         f"{more['near']:.1f} times that of mipbake near, and {more['far']:.1f} times far. Most sets gain less.*"
     )
 

@@ -144,7 +144,7 @@ def where(data: Mapping[str, Any]) -> str:
     lit = [fmean(f.over(AUTO) for f in still if f.lighting == light) for light in {f.lighting for f in still}]
     said = (
         "JOD is how good a film looks to ColorVideoVDP, a model of human sight: 10 is the truth, and one more means "
-        f"that three in four people prefer the film. {len(still)} films of {sets} sets that the network never saw, and "
+        f"that three in four people prefer the film. {len(still)} films of {sets} sets that mipbake never saw, and "
         f"{len(moving)} with temporal antialiasing, beside plain MIP maps (better, worse: by {APART:g} JOD or more). "
         f"Lights matter little: {min(lit):+.2f} to {max(lit):+.2f}."
     )

@@ -100,7 +100,7 @@ def _without_images(path: Path, files: Sequence[Path]) -> str:
     if not files and not folders:
         return f"{path} is empty: expected the maps of one texture set, such as wood_normal.png and wood_roughness.png"
     meant = [*(each for each in folders if any(map(is_map, files_of_folder(each)))), *packed]
-    below = "; --recursive bakes what lies below, as mipbake.bake_library does" if folders or packed else ""
+    below = "; `mipbake bake --recursive` bakes all that lies below" if folders or packed else ""
     return (
         f"{path} holds no images: expected the maps of one texture set"
         f"{f' as in {listed(meant)}' if meant else ''}{below}"

@@ -109,8 +109,9 @@ class Cost:
             better, advice = format_named(self.format).finer, "where the engine takes it, use --format "
         if better is None:
             return None
-        advice = preset.no_finer if preset and preset.no_finer else f"{advice}{better}{self._bytes(better)}"
-        return f"files of {self.format} lose visibly: {advice}"
+        if preset and preset.no_finer:
+            return None  # there is nothing to do
+        return f"files of {self.format} lose visibly: {advice}{better}{self._bytes(better)}"
 
     def _bytes(self, better: str) -> str:
         """What that takes of a graphics card's memory in place of what this takes."""

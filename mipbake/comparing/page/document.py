@@ -5,6 +5,7 @@ The interactive view comes first, then the verdict, films in step and one table.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from importlib.resources import files
 from string import Template
@@ -65,7 +66,7 @@ def _first(comparison: Comparison, begun: bool, step: Callable[[], None]) -> Ite
     if begun:
         yield element("p", _UNMEASURED, id="begun")
     elif comparison.figures:
-        yield element("p", verdict(comparison).sentence, id="verdict")
+        yield element("p", _typed(verdict(comparison).sentence), id="verdict")
     if comparison.warnings:
         yield element("aside", bullets(comparison.warnings), class_="warnings", aria_label="Warnings")
     if comparison.films:
@@ -115,6 +116,12 @@ def _in_decibels(comparison: Comparison) -> list[Html]:
         f"counts {sure if found.paired else 'where the 95 % intervals of the two figures do not overlap'}."
     )
     return [note(each) for each in (found.details, best_in_renders(comparison), counts) if each]
+
+
+def _typed(sentence: str) -> list[Html | str]:
+    """A sentence with what is to be typed as code, which no line breaks."""
+    parts = re.split(r"(--[\w-]+(?: [\w.]+)?(?: --[\w-]+(?: [\w.]+)?)*)", sentence)
+    return [element("code", part) if part.startswith("--") else part for part in parts]
 
 
 def _section(key: str, title: str, content: Content) -> Html:

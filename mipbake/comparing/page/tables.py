@@ -10,7 +10,7 @@ from mipbake.comparing.films import FILM
 from mipbake.comparing.page.charts import looks
 from mipbake.comparing.page.markup import DASH, MINUS, SPACE, Content, Html, element, region
 from mipbake.comparing.page.names import called, distance
-from mipbake.comparing.page.verdict import PLACES, film_named
+from mipbake.comparing.page.verdict import PLACES, film_named, visible
 from mipbake.comparing.result import LINEAR, OPTIMUM, Comparison
 from mipbake.quality.figures import SCALES, SNR_GAIN, Figure
 from mipbake.quality.metrics import MEASURES, PAIR_SETS
@@ -76,10 +76,13 @@ class _Place:
 _SEEN = {
     "jod-37": (
         "Likeness to the truth",
-        "10 looks the same; of two films that are one apart, three in four people prefer the higher (ColorVideoVDP)",
+        "10 looks the same, 0.1 more is hardly seen, 1 more is what three in four people prefer (JOD of ColorVideoVDP)",
     ),
     "flip": ("Difference from the truth", "0 looks the same, 1 is black in place of white (FLIP)"),
-    "flicker": ("Shimmer", "change from frame to frame beside the truth's: 1 is right, more flickers, less is blurred"),
+    "flicker": (
+        "Shimmer",
+        "1 changes from frame to frame as the truth does, 2 flickers twice as much, 0.5 is softer than the truth",
+    ),
 }
 
 
@@ -122,12 +125,17 @@ def _places(comparison: Comparison) -> list[_Place]:
 
 
 def _pair(comparison: Comparison, names: Sequence[str], at: tuple[str, str, str]) -> list[Html]:
-    """A cell for each method, the better one marked; both where they read the same."""
+    """A cell for each method, the better one marked; both where no difference is seen."""
     found = [comparison.find(name, *at) for name in names]
     losses = [MEASURES[at[0]].loss(each.value) if each else math.inf for each in found]
     said = [number(each.value, at[0]) if each else DASH for each in found]
-    best = said[losses.index(min(losses))]
-    return [element("td", text, class_="win" if text == best != DASH else None) for text in said]
+    values = [each.value for each in found if each]
+    least = visible(at[0], min(values), max(values)) if values and at[0] != "flicker" else 0.0
+    wins = [
+        each is not None and (abs(loss - min(losses)) < least or said[losses.index(min(losses))] == text)
+        for each, loss, text in zip(found, losses, said, strict=True)
+    ]
+    return [element("td", text, class_="win" if win else None) for text, win in zip(said, wins, strict=True)]
 
 
 # ---- every measure

@@ -134,7 +134,7 @@ def effects(comparison: Comparison, method: str) -> dict[Distance, Effect]:
 def _effect(found: Sequence[Difference]) -> Effect:
     """Of all films, or renders, of a distance together."""
     gain = fmean(each.gain for each in found)
-    least = _visible(found[0].measure, *(fmean(getattr(each, name) for each in found) for name in ("own", "other")))
+    least = visible(found[0].measure, *(fmean(getattr(each, name) for each in found) for name in ("own", "other")))
     return 0 if abs(gain) < least else 1 if gain > 0 else -1
 
 
@@ -168,13 +168,13 @@ def _difference(
         else:
             differ = not (own.low <= other.high and other.low <= own.high)  # true also where there is no interval
     else:
-        least = _visible(measure, own.value, other.value)
+        least = visible(measure, own.value, other.value)
         differ = gain != 0
     outcome = int(math.copysign(1, gain)) if differ and abs(gain) >= least else 0
     return Difference(measure, view, scale, rival, own.value, other.value, gain, low, high, outcome)
 
 
-def _visible(measure: str, own: float, other: float) -> float:
+def visible(measure: str, own: float, other: float) -> float:
     """The least difference of two figures that is visible."""
     return VISIBLE_FLIP * max(own, other) if measure == "flip" else VISIBLE_JOD
 
