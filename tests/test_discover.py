@@ -200,7 +200,7 @@ def test_what_holds_no_set_is_refused(tmp_path: Path) -> None:
         (tmp_path / "nowhere", "does not exist"),
         (file, "is a file"),
         (tmp_path / "empty", "is empty"),
-        (tmp_path / "woods", r"no images.* as in \S+oak, \S+pine; --recursive"),
+        (tmp_path / "woods", r"no images.* as in \S+oak, \S+pine; `mipbake bake --recursive`"),
         ([], "no files"),
         ([tmp_path / "gone.png"], "is not a file"),
     ):
