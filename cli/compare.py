@@ -200,7 +200,9 @@ def _first_page(progress: Callable[[str, float], None], _phase: str, share: floa
 
 def _print(session: Session, comparison: Comparison, place: Path, files: Sequence[Path], progress: Timings) -> None:
     """What a comparison found, for people."""
-    session.print(verdict(comparison).sentence)
+    found = verdict(comparison)
+    session.print(found.sentence)
+    session.details(found.details)
     if comparison.films:
         session.details("", film_table(comparison))
     for pair_set in PAIR_SETS:

@@ -177,7 +177,7 @@ def test_info_on_every_file(tmp_path, capsys) -> None:
 @pytest.mark.long
 def test_info_says_what_a_stack_was_made_for(tmp_path) -> None:
     folder = write_set(tmp_path / "metal")
-    given = ("--method", "refine", "--budget", "0.01s", "--sampler", "anisotropic", "--aim", "0")
+    given = ("--method", "refine", "--budget", "0.01s", "--sampler", "anisotropic", "--aim", "0", "-v")
     code, said = run("bake", folder, "-o", tmp_path / "out", *given)
     assert code == 0 and "pixel filter gaussian, sampler anisotropic, aim 0, " in said
     place = tmp_path / "out" / "metal"
