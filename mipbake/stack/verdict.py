@@ -74,7 +74,7 @@ def verdict(measured: Measured) -> Verdict:
     """What was measured of a stack, in words."""
     effects: dict[Distance, Effect] = {}
     visible = measured.visible
-    worse = visible is not None and -math.log(visible) < _LOST
+    worse = visible is not None and visible > math.exp(-_LOST)
     for distance, levels in _LEVELS.items():
         found = [each.looks for each in measured.levels if each.level in levels and each.looks is not None]
         if found:
