@@ -68,7 +68,6 @@ class Verdict:
         sentence: how the subject looks beside plain MIP maps and what to do, without figures and names of methods.
         details: what films show method by method, and decibels.
         closed: against the best closed form of each scale and pair set; linear: against `linear (box)`.
-        gap: view and scale to the share of the way from the best closed form to the optimum that the subject goes.
         paired: whether all intervals are of differences over the same pairs.
         seen_closed: against the best closed form of each film; seen_linear: against `linear (box)` in each film.
     """
@@ -77,7 +76,6 @@ class Verdict:
     details: str
     closed: tuple[Difference, ...]
     linear: tuple[Difference, ...]
-    gap: dict[tuple[str, str], float]
     paired: bool
     seen_closed: tuple[Difference, ...]
     seen_linear: tuple[Difference, ...]
@@ -89,7 +87,6 @@ def verdict(comparison: Comparison) -> Verdict:
     measured = {(f.view, f.scale) for f in found if f.measure == "snr" and f.method == subject}
     places = [("snr", view, scale) for view in PAIR_SETS for scale in SCALES if (view, scale) in measured]
     best, linear = _against(comparison, places)
-    gap = {(d.view, d.scale): share for d in best if (share := _closed_gap(comparison, d)) is not None}
     names = {d.rival for d in best}
     against = f"{next(iter(names))}, the best closed form," if len(names) == 1 else "the best closed form of each scale"
     if len(comparison.closed_forms) == 1:  # to be the best of one is not praise
@@ -103,9 +100,7 @@ def verdict(comparison: Comparison) -> Verdict:
     lead = f"{looks} In decibels of SNR under single lights, " if looks else ""
     details = f"{lead}{'; '.join(clauses)}." if clauses else looks or _alone(comparison)
     details = details or f"Nothing was measured that {subject} could be compared by."
-    return Verdict(
-        _for_artists(comparison), details, best, linear, gap, any(f.measure == SNR_GAIN for f in found), *films
-    )
+    return Verdict(_for_artists(comparison), details, best, linear, any(f.measure == SNR_GAIN for f in found), *films)
 
 
 # ---- in words
@@ -189,15 +184,6 @@ def _against(
         closed += [min(found, key=lambda d: d.gain)] if found else []
         linear += [difference(comparison, LINEAR, *place)] if comparison.subject != LINEAR else []
     return tuple(closed), tuple(d for d in linear if d)
-
-
-def _closed_gap(comparison: Comparison, found: Difference) -> float | None:
-    """(SNR - best closed form) / (optimum - best closed form), where the optimum is ahead of the closed form."""
-    optimum = comparison.find(OPTIMUM, "snr", found.view, found.scale)
-    if optimum is None or comparison.subject == OPTIMUM:
-        return None
-    room = optimum.value - found.other
-    return found.gain / room if room > _LEAST_DECIBELS else None
 
 
 def _in_decibels(rival: str, found: Sequence[Difference]) -> str:
