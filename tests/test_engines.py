@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from .test_metrics_films import needs_cvvdp
+
 ENGINES = Path(__file__).parents[1] / "benchmarks" / "engines"
 
 pytestmark = [pytest.mark.independent, pytest.mark.long]
@@ -90,6 +92,7 @@ def test_three_samples_custom_levels_of_every_container(web: None, tmp_path: Pat
     assert len(seen) == len(kinds) + 1  # all but level 0 in floats, and two checks of levels that WebGL makes
 
 
+@needs_cvvdp
 def test_a_set_of_the_gallery_is_filmed_once(web: None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     gallery = importlib.import_module("three_gallery")
     results = tmp_path / "results.json"

@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <functional>
 #include <memory>
-#include <mutex>
 #include <utility>
 #include <vector>
 
+#include "core/mutex.h"
 #include "core/parallel.h"
 #include "cpu/network_sinks.h"
 #include "cpu/network_weights.h"
@@ -60,7 +60,7 @@ struct NetworkBake::State {
     std::vector<Index> columns;  // of level 0 that the encoder reads, from left to right
     std::vector<Floats> ring;
     Index texel;  // floats from texel to texel where channels lie side by side
-    std::mutex lending;
+    Mutex lending;
     std::vector<std::unique_ptr<Floats>> scratch;
     Index texels_floats, filter_floats, task_floats;  // of scratch: for texels of a span, with a decoder, for any task
 
@@ -103,7 +103,7 @@ struct NetworkBake::State {
     void with_scratch(F&& f) {
         std::unique_ptr<Floats> lent;
         {
-            const std::lock_guard<std::mutex> lock(lending);
+            const std::lock_guard<Mutex> lock(lending);
             if (!scratch.empty()) {
                 lent = std::move(scratch.back());
                 scratch.pop_back();
@@ -111,7 +111,7 @@ struct NetworkBake::State {
         }
         if (lent == nullptr) lent = std::make_unique<Floats>(task_floats);
         f(lent->data());
-        const std::lock_guard<std::mutex> lock(lending);
+        const std::lock_guard<Mutex> lock(lending);
         scratch.push_back(std::move(lent));
     }
 

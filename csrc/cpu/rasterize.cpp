@@ -6,12 +6,12 @@
 #include <limits>
 #include <map>
 #include <memory>
-#include <mutex>
 #include <sstream>
 #include <stdexcept>
 #include <string>
 #include <vector>
 
+#include "core/mutex.h"
 #include "core/parallel.h"
 #include "cpu/triangle_ids.h"
 
@@ -120,7 +120,7 @@ class Buffer {
 };
 
 struct Scratch {
-    std::mutex busy;
+    Mutex busy;
     Buffer<PixelBox> boxes;
     Buffer<float> nearest;
     Buffer<std::uint32_t> cursors, list, sorted;
@@ -130,22 +130,22 @@ struct Scratch {
 class Scratches {
   public:
     Index add() {
-        const std::lock_guard<std::mutex> lock(mutex_);
+        const std::lock_guard<Mutex> lock(mutex_);
         all_[++last_] = std::make_shared<Scratch>();
         return last_;
     }
     void remove(Index handle) {
-        const std::lock_guard<std::mutex> lock(mutex_);
+        const std::lock_guard<Mutex> lock(mutex_);
         all_.erase(handle);
     }
     std::shared_ptr<Scratch> find(Index handle) {
-        const std::lock_guard<std::mutex> lock(mutex_);
+        const std::lock_guard<Mutex> lock(mutex_);
         const auto found = all_.find(handle);
         return found == all_.end() ? nullptr : found->second;
     }
 
   private:
-    std::mutex mutex_;
+    Mutex mutex_;
     std::map<Index, std::shared_ptr<Scratch>> all_;
     Index last_ = 0;
 };
@@ -267,8 +267,8 @@ void rasterize_cpu(const RasterizeArgs<T>& args, std::int64_t scratch) {
                                     std::to_string(args.width) + "): expected at most " +
                                     std::to_string(max_resolution) + " pixels along an axis");
     const std::shared_ptr<Scratch> kept = scratch == 0 ? nullptr : scratches().find(scratch);
-    std::unique_lock<std::mutex> using_kept;
-    if (kept != nullptr) using_kept = std::unique_lock<std::mutex>(kept->busy, std::try_to_lock);
+    std::unique_lock<Mutex> using_kept;
+    if (kept != nullptr) using_kept = std::unique_lock<Mutex>(kept->busy, std::try_to_lock);
     Scratch own;
     Scratch& memory = using_kept.owns_lock() ? *kept : own;
 

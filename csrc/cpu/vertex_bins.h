@@ -19,11 +19,11 @@
 #include <cstdint>
 #include <cstring>
 #include <memory>
-#include <mutex>
 #include <utility>
 #include <vector>
 
 #include "core/bins.h"
+#include "core/mutex.h"
 #include "core/platform.h"
 
 namespace mipbake {
@@ -144,7 +144,7 @@ void sum_into_vertices(const PixelGrid& grid, std::int64_t vertices, bool shared
                     std::unique_ptr<std::int32_t[]>(new std::int32_t[static_cast<std::size_t>(size)])};
     };
     std::vector<Room> rooms;
-    std::mutex rooms_lock;
+    Mutex rooms_lock;
     std::vector<Kept> kept(static_cast<std::size_t>(round));
     const auto sums_at = [&](Index entry) {
         return kept[static_cast<std::size_t>(entry / kTileVertices)].room.sums.get() + entry % kTileVertices * channels;
@@ -166,7 +166,7 @@ void sum_into_vertices(const PixelGrid& grid, std::int64_t vertices, bool shared
             std::memset(tables.of_vertex, 0xff, sizeof tables.of_vertex);
             Room own;
             {
-                const std::lock_guard<std::mutex> lock(rooms_lock);
+                const std::lock_guard<Mutex> lock(rooms_lock);
                 if (!rooms.empty()) {
                     own = std::move(rooms.back());
                     rooms.pop_back();
@@ -189,7 +189,7 @@ void sum_into_vertices(const PixelGrid& grid, std::int64_t vertices, bool shared
                 if (filled.triangle_count > 0) std::memset(tables.of_triangle, 0xff, sizeof tables.of_triangle);
                 if (filled.vertex_count > 0) std::memset(tables.of_vertex, 0xff, sizeof tables.of_vertex);
             }
-            const std::lock_guard<std::mutex> lock(rooms_lock);
+            const std::lock_guard<Mutex> lock(rooms_lock);
             rooms.push_back(std::move(own));
         });
         BinLimits limits;

@@ -1,0 +1,40 @@
+"""Compiles the core to WebAssembly: web/dist/bakes.wasm, and the weights beside it.
+
+    python web/build.py [FOLDER]     FOLDER keeps what was compiled, build/web where none is named
+
+Needs cmake, ninja and ziglang, all of them on PyPI.
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+WEB = Path(__file__).resolve().parent
+ROOT = WEB.parent
+WEIGHTS = ("mipbake-3", "mipbake-3-anisotropic")
+
+
+def main() -> None:
+    """Configures, compiles and copies."""
+    import ziglang
+
+    build, dist = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "build" / "web", WEB / "dist"
+    zig = Path(ziglang.__file__).parent / "zig"
+    subprocess.run(
+        ["cmake", "-S", ROOT, "-B", build, "-G", "Ninja", "-DCMAKE_BUILD_TYPE=Release", "-Wno-dev",
+         f"-DCMAKE_TOOLCHAIN_FILE={WEB / 'toolchain.cmake'}", f"-DMIPBAKE_ZIG={zig}"],
+        check=True,
+    )  # fmt: skip
+    subprocess.run(["cmake", "--build", build], check=True)
+    dist.mkdir(exist_ok=True)
+    shutil.copy(build / "mipbake_bakes", dist / "bakes.wasm")
+    for name in WEIGHTS:
+        for suffix in (".json", ".safetensors"):
+            shutil.copy(ROOT / "models" / "weights" / f"{name}{suffix}", dist)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,6 @@
+# WebAssembly by the compiler of the package ziglang, whose program MIPBAKE_ZIG is.
+set(CMAKE_SYSTEM_NAME WASI)
+set(CMAKE_SYSTEM_PROCESSOR wasm32)
+set(CMAKE_CXX_COMPILER ${MIPBAKE_ZIG};c++)
+set(CMAKE_CXX_COMPILER_TARGET wasm32-wasi)
+list(APPEND CMAKE_TRY_COMPILE_PLATFORM_VARIABLES MIPBAKE_ZIG)
