@@ -88,8 +88,14 @@ void shade_lit_cpu(const ShadeLitArgs& args, void* out);
 // adjoint of its own; the two agree to rounding. It is for directions that all texels share.
 void shade_backward_cpu(const ShadeArgs& args, const void* grad_radiance, void* grad_material, bool duals);
 
+// The gradient by lights and views of each texel, into `grad_light` and `grad_view`: (B, K, N, 3), contiguous. Each is
+// at a right angle to its direction, whose length is 1.
+void shade_directions_backward_cpu(const ShadeArgs& args, const void* grad_radiance, void* grad_light, void* grad_view);
+
 void shade_cuda(const ShadeArgs& args, void* radiance, CudaStream stream);
 void shade_backward_cuda(const ShadeArgs& args, const void* grad_radiance, void* grad_material, CudaStream stream);
+void shade_directions_backward_cuda(const ShadeArgs& args, const void* grad_radiance, void* grad_light, void* grad_view,
+                                    CudaStream stream);
 
 // ---- Networks ----
 

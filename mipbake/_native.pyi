@@ -36,6 +36,17 @@ def shade_backward(
     duals: bool = False,
     black: bool = False,
 ) -> None: ...
+def shade_directions_backward(
+    model: str,
+    material: Array,
+    light: Array,
+    view: Array,
+    grad_radiance: Array,
+    grad_light: Array,
+    grad_view: Array,
+    stream: int = 0,
+    black: bool = False,
+) -> None: ...
 def texture(
     levels: Sequence[Array],
     uv: Array,

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 import mipbake.raster
+from mipbake.base.errors import UsageError
 from mipbake.raster import (
     DepthPeeler,
     RasterizeContext,
@@ -20,7 +21,10 @@ from mipbake.raster import (
     ops,
     rasterize,
     reference,
+    triangle_indices,
 )
+from mipbake.sampling import texture
+from mipbake.shading import shade
 
 from .raster_scenes import cube, random_mesh, seen
 
@@ -90,7 +94,8 @@ def test_derivatives_without_a_gradient() -> None:
     pos, tri, _ = scene("instanced")
     p = pos.clone().requires_grad_()
     rast, rast_db = rasterize(None, p, tri, (6, 6), grad_db=False)
-    assert rast.requires_grad and not rast_db.requires_grad
+    assert rast.requires_grad and rast_db.requires_grad  # a graph of zeros, as nvdiffrast's
+    assert not torch.autograd.grad(rast_db.sum(), p, retain_graph=True)[0].any()
     assert torch.equal(rast_db, rasterize(None, pos, tri, (6, 6))[1])
     full, full_db = rasterize(None, p, tri, (6, 6))
     (without,) = torch.autograd.grad(interpolate(p, rast, tri, rast_db, "all")[1].sum(), p)
@@ -116,11 +121,48 @@ def test_only_the_gradients_that_are_needed() -> None:
 
 
 def test_second_derivatives_are_refused() -> None:
-    pos, tri, _ = scene("instanced")
-    rast, _ = rasterize(None, pos.requires_grad_(), tri, (5, 5))
-    (first,) = torch.autograd.grad((rast[..., :2] ** 2).sum(), pos, create_graph=True)
-    with pytest.raises(RuntimeError, match="backward"):
-        first.sum().backward()
+    pos, tri, _ = scene("instanced", torch.float32)
+    leaf, texels = pos.requires_grad_(), torch.rand(1, 4, 4, 3, requires_grad=True)
+    rast, _ = rasterize(None, leaf, tri, (5, 5))
+    attr = interpolate(leaf, rast.detach(), tri)[0]
+    color = antialias(attr, rast.detach(), leaf.detach(), tri)
+    looked_up = texture(texels, torch.rand(1, 3, 3, 2))
+    material = torch.rand(5, 8, requires_grad=True)
+    up = torch.tensor([[0.0, 0.0, 1.0]])
+    results = {
+        "rasterize": (rast[..., :2], leaf),
+        "interpolate": (attr, leaf),
+        "antialias": (color, attr),
+        "texture": (looked_up, texels),
+        "shade": (shade("gltf", material, up, up), material),
+    }
+    for op, (result, wanted) in results.items():
+        (first,) = torch.autograd.grad((result**2).sum(), wanted, create_graph=True)
+        with pytest.raises(UsageError, match=f"^{op} has first derivatives only"):
+            first.sum().backward(retain_graph=True)
+
+
+@pytest.mark.long
+def test_triangles_beyond_what_floats_count_have_numbers() -> None:
+    first = 2**24 - 2
+    tri = np.zeros((first + 6, 3), np.int32)  # all but the last six have no area
+    pos = np.array([[0, 0, 0, 1]], np.float32)
+    for row in range(6):
+        low, high = (2 * (row + end) / 6 - 1 for end in (0, 1))
+        pos = np.concatenate([pos, np.array([[-3, low, 0, 1], [3, low, 0, 1], [3, high, 0, 1], [-3, high, 0, 1]])])
+        tri[first + row] = [4 * row + 1, 4 * row + 2, 4 * row + 3]
+    pos = pos[None].astype(np.float32)
+    rast, _ = rasterize(None, pos, tri, (6, 8))
+    expected = np.broadcast_to(np.arange(first, first + 6)[:, None], (6, 8))
+    found = triangle_indices(rast)[0]
+    assert np.array_equal(found[found >= 0], expected[found >= 0]) and (found >= 0).any(1).all()
+    assert np.array_equal(triangle_indices(torch.from_numpy(rast)).numpy()[0], found)
+    attr = np.repeat(np.arange(len(pos[0]), dtype=np.float32)[None, :, None], 2, 2)
+    shown, _ = interpolate(attr, rast, tri)
+    assert np.all((np.abs(shown[0, ..., 0] - (4 * np.arange(6)[:, None] + 2)) <= 1)[found >= 0])
+    rast[0, 0, 0, 3] = np.nextafter(rast[..., 3].max(), np.float32(np.inf))
+    with pytest.raises(UsageError, match="triangle_id"):
+        interpolate(attr, rast, tri)
 
 
 def samples(op: str) -> list[tuple[Any, ...]]:

@@ -104,6 +104,21 @@ void shade_backward(const std::string& model, const Input& material, const Input
         [&](auto queue) { mipbake::shade_backward_cuda(args, in, out, queue); });
 }
 
+void shade_directions_backward(const std::string& model, const Input& material, const Input& light, const Input& view,
+                               const Input& grad_radiance, const Output& grad_light, const Output& grad_view,
+                               std::uintptr_t stream, bool black) {
+    const mipbake::ShadeArgs args = arguments(model, material, light, view, black);
+    const std::size_t B = material.shape(0), N = material.shape(1), K = light.shape(1);
+    require(grad_radiance, material, "grad_radiance", {B, K, N, 3}, true);
+    require(grad_light, material, "grad_light", {B, K, N, 3}, true);
+    require(grad_view, material, "grad_view", {B, K, N, 3}, true);
+    const void* const in = grad_radiance.data();
+    void *const to_light = grad_light.data(), *const to_view = grad_view.data();
+    launch(
+        args.is_double, material, stream, [&] { mipbake::shade_directions_backward_cpu(args, in, to_light, to_view); },
+        [&](auto queue) { mipbake::shade_directions_backward_cuda(args, in, to_light, to_view, queue); });
+}
+
 void shade_lit(const std::string& model, const Input& material, const Input& frame, const Input& view,
                const Input& light, const Input& radiance, const Output& out, bool black) {
     if (material.ndim() != 3 || light.ndim() != 3) throw nb::value_error("expected materials and lights of 3 axes");
@@ -164,4 +179,9 @@ void bind_shading(nb::module_& m) {
         nb::arg("black") = false,
         "Writes the gradient by the material into grad_material (B, N, C), from grad_radiance (B, K, N, 3); arguments "
         "as for shade.");
+    m.def("shade_directions_backward", &shade_directions_backward, nb::arg("model"), nb::arg("material"),
+          nb::arg("light"), nb::arg("view"), nb::arg("grad_radiance"), nb::arg("grad_light"), nb::arg("grad_view"),
+          nb::arg("stream") = 0, nb::arg("black") = false,
+          "Writes the gradients by light and view of each texel into grad_light and grad_view (B, K, N, 3), at right "
+          "angles to them, from grad_radiance (B, K, N, 3); arguments as for shade.");
 }

@@ -206,5 +206,14 @@ struct Narrow<Dual<T, N, D>> {
     }
 };
 
+// The way back from narrow: a dual number of the wide type.
+template <class Wide, class T, int N, class D>
+MIPBAKE_INLINE Wide widen(const Dual<T, N, D>& a) {
+    Wide out;
+    out.v = widen<typename dual::ValueOf<Wide>::type>(a.v);
+    for (int i = 0; i < N; ++i) out.d[i] = a.d[i];
+    return out;
+}
+
 }  // namespace MIPBAKE_ISA
 }  // namespace mipbake

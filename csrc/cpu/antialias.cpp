@@ -89,7 +89,7 @@ class Rows {
 
 template <class T>
 void load_row(const T* pixels, int count, Index triangles, const std::uint8_t* silhouettes, Row& row, bool& valid) {
-    const T last = static_cast<T>(triangles);
+    const T last = triangle_id<T>(triangles);
     unsigned any = 0;
     for (int x = 0; x < count; ++x) {
         const std::int32_t id = triangle_of(pixels[4 * x + 3], last, valid) + 1;

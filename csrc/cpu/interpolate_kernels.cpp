@@ -30,7 +30,7 @@ template <class T>
 MIPBAKE_INLINE void locate(const InterpolateArgs<T>& args, const T* attr, int channels, Index first, int count,
                            Block<T>& block, bool& valid) {
     const T* const pixels = args.rast + 4 * first;
-    const T triangles = static_cast<T>(args.triangles);
+    const T triangles = triangle_id<T>(args.triangles);
     const auto vertices = static_cast<std::uint64_t>(args.vertices);
     bool good = true;
     for (int i = 0; i < count; ++i) block.triangle[i] = triangle_of(pixels[4 * i + 3], triangles, good);

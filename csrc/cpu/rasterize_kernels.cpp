@@ -346,7 +346,7 @@ void TileRaster<T>::write() const {
                 out[0] = static_cast<T>(held_to_one(b.of[0]));
                 out[1] = static_cast<T>(held_to_one(b.of[1]));
                 out[2] = tile_.depths[at];
-                out[3] = static_cast<T>(name + 1);
+                out[3] = triangle_id<T>(name + 1);
                 if (derivatives != nullptr) barycentric_derivatives(k.edges, b, d);
             }
             if (derivatives != nullptr) {
@@ -383,6 +383,7 @@ std::int64_t raster_backward_tile(const RasterizeBackwardArgs<T>& args, const Pi
     const T* const pos = item_positions(args, tile.item);
     const double width = args.width, height = args.height;
     TileTriangle triangles[kTileTriangles];
+    const T last_id = triangle_id<T>(args.triangles);
     std::int32_t last = -1;
     TileTriangle* current = nullptr;
     Index wrong = -1;
@@ -392,7 +393,7 @@ std::int64_t raster_backward_tile(const RasterizeBackwardArgs<T>& args, const Pi
         for (int x = tile.x0; x < tile.x1; ++x) {
             const Index at = (row + x) * 4;
             bool valid = true;
-            const std::int32_t name = triangle_of(args.rast[at + 3], static_cast<T>(args.triangles), valid);
+            const std::int32_t name = triangle_of(args.rast[at + 3], last_id, valid);
             if (!valid && wrong < 0) wrong = row + x;
             if (name < 0) continue;
             const double gu = static_cast<double>(args.grad_rast[at]), gv = static_cast<double>(args.grad_rast[at + 1]);

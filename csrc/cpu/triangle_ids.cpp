@@ -4,14 +4,17 @@
 #include <sstream>
 #include <stdexcept>
 
+#include "raster/triangle_id.h"
+
 namespace mipbake {
 
 template <class T>
 void check_triangle_ids(const T* rast, std::int64_t batch, int height, int width, std::int64_t triangles) {
     const std::int64_t pixels = batch * height * width;
+    const T last = triangle_id<T>(triangles);
     for (std::int64_t i = 0; i < pixels; ++i) {
         const T id = rast[4 * i + 3];
-        if (id >= T(0) && id <= static_cast<T>(triangles)) continue;
+        if (id >= T(0) && id <= last) continue;
         std::ostringstream text;
         text.precision(9);
         text << "rast[" << i / width / height << ", " << i / width % height << ", " << i % width << "] has triangle_id "

@@ -49,7 +49,7 @@ __device__ Blend find_blend(const AntialiasArgs<float>& args, const std::uint8_t
     blend.first = (item * args.height + y) * args.width + x;
     blend.second = blend.first + (horizontal ? 1 : args.width);
     bool valid = true;
-    const float last = static_cast<float>(args.triangles);
+    const float last = triangle_id<float>(args.triangles);
     const std::int32_t first = triangle_of(args.rast[4 * blend.first + 3], last, valid);
     const std::int32_t second = triangle_of(args.rast[4 * blend.second + 3], last, valid);
     if (first == second) return blend;

@@ -45,7 +45,7 @@ __global__ void forward_kernel(const __grid_constant__ InterpolateArgs<float> ar
         bool valid = true;
         Corners<float> corners;
         Index vertices[3];
-        const std::int32_t triangle = triangle_of(pixel[3], static_cast<float>(args.triangles), valid);
+        const std::int32_t triangle = triangle_of(pixel[3], triangle_id<float>(args.triangles), valid);
         const bool drawn = find_corners(args, item, triangle, corners, vertices);
         if (listed.begin == 0) {
             float* const values = out + p * args.channels;
@@ -72,7 +72,7 @@ __global__ void backward_kernel(const __grid_constant__ InterpolateArgs<float> a
         bool valid = true;
         Corners<float> corners;
         Index vertices[3];
-        const std::int32_t triangle = triangle_of(pixel[3], static_cast<float>(args.triangles), valid);
+        const std::int32_t triangle = triangle_of(pixel[3], triangle_id<float>(args.triangles), valid);
         const bool drawn = find_corners(args, item, triangle, corners, vertices);
         const bool is_first = listed.begin == 0;
         if (grads.rast != nullptr && is_first) {

@@ -189,7 +189,7 @@ __global__ void __launch_bounds__(threads_per_block)
             values.x = static_cast<float>(held_to_one(b.of[0]));
             values.y = static_cast<float>(held_to_one(b.of[1]));
             values.z = __uint_as_float((ordered & 0x80000000u) != 0 ? ordered & 0x7fffffffu : ~ordered);
-            values.w = static_cast<float>(triangle + 1);
+            values.w = triangle_id<float>(triangle + 1);
             if (args.rast_db != nullptr) {
                 double d[4];
                 barycentric_derivatives(edges, b, d);
@@ -230,7 +230,7 @@ __global__ void __launch_bounds__(threads_per_block)
         const Index pixel = (item * args.height + y) * args.width + x;
         if (within) {
             bool valid = true;
-            triangle = triangle_of(args.rast[4 * pixel + 3], static_cast<float>(args.triangles), valid);
+            triangle = triangle_of(args.rast[4 * pixel + 3], triangle_id<float>(args.triangles), valid);
             if (triangle >= 0 && !load_corners(args.tri, triangle, args.vertices, corners)) triangle = -1;
         }
         if (triangle >= 0) {

@@ -149,6 +149,40 @@ __global__ void backward_duals_kernel(const __grid_constant__ ShadeArgs args, co
     for_each(args.B * args.N, [&](Index i) { shade_back<Model>(args, i, grad_radiance, grad_material); });
 }
 
+__device__ void store_across(const float* gradient, const Vec3<float>& direction, float* out) {
+    const Vec3<float> g{gradient[0], gradient[1], gradient[2]}, across = g - direction * dot(g, direction);
+    out[0] = across.x;
+    out[1] = across.y;
+    out[2] = across.z;
+}
+
+// As csrc/cpu/shading_directions.cpp, a thread for each texel of each pair.
+template <class Model>
+__global__ void directions_kernel(const __grid_constant__ ShadeArgs args, const float* grad_radiance, float* grad_light,
+                                  float* grad_view) {
+    for_each(args.B * args.K * args.N, [&](Index i) {
+        constexpr int C = Model::channels;
+        using W = Dual<double, 6, float>;
+        using T = Dual<float, 6>;
+        const Index n = i % args.N, k = i / args.N % args.K, b = i / args.N / args.K;
+        double channels[C];
+        load_material(args, b, n, channels);
+        W constants[C];
+        for (int c = 0; c < C; ++c) constants[c] = W(channels[c]);
+        const auto surface = Prepare<Model>::template surface<W, T>(constants);
+        const Vec3<float> l = direction(args.light, b, k, n), v = direction(args.view, b, k, n);
+        const auto pair =
+            Pair<float, W, T>::of({T::input(l.x, 0), T::input(l.y, 1), T::input(l.z, 2)},
+                                  {T::input(v.x, 3), T::input(v.y, 4), T::input(v.z, 5)}, TurnedAway::rule(args.black));
+        const Vec3<T> f = Model::evaluate(surface, pair);
+        const float* const g = grad_radiance + 3 * i;
+        float by[6];
+        for (int j = 0; j < 6; ++j) by[j] = g[0] * f.x.d[j] + g[1] * f.y.d[j] + g[2] * f.z.d[j];
+        store_across(by, l, grad_light + 3 * i);
+        store_across(by + 3, v, grad_view + 3 * i);
+    });
+}
+
 }  // namespace
 
 void shade_cuda(const ShadeArgs& args, void* radiance, CudaStream stream) {
@@ -174,6 +208,16 @@ void shade_backward_cuda(const ShadeArgs& args, const void* grad_radiance, void*
         } else {
             queue.run_each(args.B * args.N, backward_duals_kernel<Model>, args, g, out);
         }
+    });
+}
+
+void shade_directions_backward_cuda(const ShadeArgs& args, const void* grad_radiance, void* grad_light, void* grad_view,
+                                    CudaStream stream) {
+    const Queue queue(stream);
+    Models::visit(args.model, [&](auto model) {
+        queue.run_each(args.B * args.K * args.N, directions_kernel<decltype(model)>, args,
+                       static_cast<const float*>(grad_radiance), static_cast<float*>(grad_light),
+                       static_cast<float*>(grad_view));
     });
 }
 

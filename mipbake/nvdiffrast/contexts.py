@@ -52,7 +52,7 @@ class RasterizeCudaContext:
         return type(self), (str(self.device),)
 
 
-class RasterizeGLContext:
+class RasterizeGLContext(RasterizeCudaContext):
     """The same as `RasterizeCudaContext`, with the arguments that nvdiffrast has for OpenGL.
 
     No OpenGL is used: the rasteriser is the same, so both contexts give the same results, bit for bit.
@@ -75,9 +75,6 @@ class RasterizeGLContext:
         UsageError: there is no such device or mode, or output_db is not a bool.
     """
 
-    device: torch.device
-    scratch: RasterizeContext
-
     def __init__(
         self, output_db: bool = True, mode: str = "automatic", device: torch.device | str | int | None = None
     ) -> None:
@@ -85,9 +82,8 @@ class RasterizeGLContext:
             raise UsageError(f"output_db is {output_db!r}: expected True or False")
         if mode not in MODES:
             raise UsageError(f"mode is {mode!r}: expected 'automatic' or 'manual'")
+        super().__init__(device)
         self.output_db, self.mode = output_db, mode
-        self.device = _found(device, type(self).__name__)
-        self.scratch = RasterizeContext()
         self._thread: int | None = None  # that has it set, in manual mode
 
     def __reduce__(self) -> tuple[Any, ...]:

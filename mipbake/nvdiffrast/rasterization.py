@@ -21,7 +21,7 @@ __all__ = ["DepthPeeler", "interpolate", "rasterize"]
 
 
 def rasterize(
-    glctx: RasterizeCudaContext | RasterizeGLContext,
+    glctx: RasterizeCudaContext,
     pos: Array,
     tri: Array,
     resolution: Sequence[int],
@@ -69,7 +69,7 @@ class DepthPeeler(raster.DepthPeeler):
 
     def __init__(
         self,
-        glctx: RasterizeCudaContext | RasterizeGLContext,
+        glctx: RasterizeCudaContext,
         pos: Any,
         tri: Any,
         resolution: Any,
@@ -133,7 +133,7 @@ def _sides(resolution: Any) -> Any:
 
 def _check(glctx: Any, pos: Any) -> None:
     """UsageError unless glctx is a context that may be used here, on the device of pos."""
-    if not isinstance(glctx, (RasterizeCudaContext, RasterizeGLContext)):
+    if not isinstance(glctx, RasterizeCudaContext):
         raise UsageError(f"glctx is a {type(glctx).__name__}: expected a RasterizeCudaContext or a RasterizeGLContext")
     if isinstance(glctx, RasterizeGLContext):
         glctx.check_set()
@@ -149,5 +149,5 @@ def _check(glctx: Any, pos: Any) -> None:
         )
 
 
-def _outputs_derivatives(glctx: RasterizeCudaContext | RasterizeGLContext) -> bool:
+def _outputs_derivatives(glctx: RasterizeCudaContext) -> bool:
     return not isinstance(glctx, RasterizeGLContext) or glctx.output_db

@@ -25,9 +25,9 @@ from collections.abc import Sequence
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from mipbake.base.arguments import is_array
+from mipbake.base.arguments import REAL, is_array
 from mipbake.base.errors import UsageError
-from mipbake.base.forward_mode import refuse_tangents
+from mipbake.base.first_order import refuse_tangents
 from mipbake.raster import _arguments, _forward
 from mipbake.raster.context import RasterizeContext, Topology
 
@@ -44,6 +44,7 @@ __all__ = [
     "antialias_construct_topology_hash",
     "interpolate",
     "rasterize",
+    "triangle_indices",
 ]
 
 
@@ -67,16 +68,18 @@ def rasterize(
         ctx: scratch memory to reuse, or None.
         pos: clip-space positions x, y, z, w, finite. Instanced mode: (B, V, 4), an image from each item. Range mode:
             (V, 4). float32, or float64 on the CPU (coordinates beyond 1e100 or below 1e-100 leave the range there).
-        tri: (T, 3) int32, the vertices of each triangle, 0 to V - 1. T is at most 2^24 for float32, which stores ids.
+        tri: (T, 3) int32, the vertices of each triangle, 0 to V - 1. T is at most 2^31 / 3.
         resolution: (height, width) in pixels, each from 1 to 32768.
         ranges: in range mode (B, 2) int32 on the CPU: image b shows the ranges[b, 1] triangles of tri from
             ranges[b, 0] on; 0 triangles are allowed. Ignored in instanced mode.
-        grad_db: whether gradients flow from the second result into pos. The backward pass is cheaper when they do not.
+        grad_db: whether gradients flow from the second result into pos; otherwise they are 0, and the backward pass is
+            cheaper.
 
     Returns:
         Two arrays (B, H, W, 4) in the dtype of pos, zeros where no triangle is:
 
-        - u, v, z/w, triangle_id: barycentrics in [0, 1] of the triangle's vertices 0 and 1; depth; index in tri plus 1.
+        - u, v, z/w, triangle_id: barycentrics in [0, 1] of the triangle's vertices 0 and 1; depth; index in tri plus 1
+          (in float32 `triangle_indices` reads numbers beyond 2^24, as nvdiffrast stores them).
         - du/dX, du/dY, dv/dX, dv/dY: derivatives of u and v per pixel, X along columns and Y along rows.
 
     Gradients go to pos from u, v and the derivatives (section 3.3, eq. 2), for the triangle that was seen. Coverage
@@ -105,8 +108,31 @@ def _layer(
     from mipbake.raster import ops
 
     refuse_tangents(pos=pos)
-    rast, rast_db = ops.rasterize(pos, tri, *size, ranges, None if previous is None else previous.detach(), scratch)
-    return rast, rast_db if grad_db else rast_db.detach()
+    previous = None if previous is None else previous.detach()
+    rast, rast_db = ops.rasterize(pos, tri, *size, ranges, previous, scratch, grad_db)
+    return rast, rast_db
+
+
+def triangle_indices(rast: Array) -> Array:
+    """(B, H, W) int32 indices of the triangles that pixels show, -1 where there is none.
+
+    Args:
+        rast: (B, H, W, 4), the first result of `rasterize`.
+
+    Raises:
+        UsageError: rast has no four channels of float32 or float64.
+    """
+    _arguments.checked("rast", rast, None, REAL, (("batch", "height", "width", 4),), "the first result of rasterize")
+    if is_array(rast):
+        import numpy as xp
+    else:
+        import torch as xp  # type: ignore[no-redef]
+    ids = rast[..., 3] if is_array(rast) else rast.detach()[..., 3]
+    numbers = xp.asarray(ids, dtype=xp.int32)
+    if ids.dtype == xp.float32:
+        numbers = xp.where(ids > _arguments.EXACT, ids.view(xp.int32) - _arguments.BITS, numbers)
+    found: Array = numbers - 1
+    return found
 
 
 class DepthPeeler:

@@ -11,8 +11,11 @@ from mipbake.base.errors import UsageError
 from mipbake.raster.context import RasterizeContext, Topology
 
 MAX_SIDE = 2**15
-MAX_TRIANGLES = {"float32": 2**24, "float64": 2**31 // 3}
-"""What an id that is stored as a number, and an edge's 3 t + e as an int32, can count."""
+MAX_TRIANGLES = 2**31 // 3
+"""What an edge's 3 t + e can count as an int32."""
+
+EXACT, BITS = 2**24, 0x4A800000
+"""A triangle's number n beyond EXACT is the float32 with the bits BITS + n (csrc/raster/triangle_id.h)."""
 
 
 def check_context(ctx: Any) -> None:
@@ -35,12 +38,8 @@ def check_mesh(pos: Any, tri: Any) -> None:
     modes = "the first in range mode, the second in instanced mode, clip-space x, y, z, w"
     checked("pos", pos, None, REAL, (("vertices", 4), ("batch", "vertices", 4)), modes)
     check_triangles(tri, ("pos", pos))
-    limit = MAX_TRIANGLES[dtype_of(pos)]
-    if tri.shape[0] > limit:
-        raise UsageError(
-            f"tri has {tri.shape[0]} triangles: expected at most {limit}, what {dtype_of(pos)} can number; "
-            "split the mesh"
-        )
+    if tri.shape[0] > MAX_TRIANGLES:
+        raise UsageError(f"tri has {tri.shape[0]} triangles: expected at most {MAX_TRIANGLES}; split the mesh")
 
 
 def check_triangles(tri: Any, like: tuple[str, Any] | None = None) -> None:

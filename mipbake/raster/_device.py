@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from mipbake.base.errors import UsageError
+from mipbake.raster._arguments import BITS, EXACT
 
 
 def check_with_torch(
@@ -51,7 +52,10 @@ def _raise_about(tri: Tensor, vertices: int, pos: Tensor | None, rast: Tensor | 
 
 
 def _exists(ids: Tensor, triangles: int) -> Tensor:
-    return (ids >= 0) & (ids <= triangles)  # NaN does not
+    last = torch.tensor(triangles, dtype=ids.dtype, device=ids.device)
+    if ids.dtype == torch.float32 and triangles > EXACT:
+        last = torch.tensor(BITS + triangles, dtype=torch.int32, device=ids.device).view(torch.float32)
+    return (ids >= 0) & (ids <= last)  # NaN does not
 
 
 def _first(where: Tensor) -> tuple[int, ...]:

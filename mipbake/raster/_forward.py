@@ -15,8 +15,18 @@ MAX_SPARSITY = 16
 """Vertices per index up to which a topology counts by vertex; beyond, the vertices are numbered anew first."""
 
 
-def rasterize(pos: Any, tri: Any, height: int, width: int, ranges: Any, previous: Any, scratch: int) -> tuple[Any, Any]:
-    """`mipbake.raster.rasterize`; with `previous`, the first of its results, only what lies behind that."""
+def rasterize(
+    pos: Any,
+    tri: Any,
+    height: int,
+    width: int,
+    ranges: Any,
+    previous: Any,
+    scratch: int,
+    grad_db: bool = True,  # noqa: ARG001
+) -> tuple[Any, Any]:
+    """`mipbake.raster.rasterize`; with `previous`, the first of its results, only what lies behind that; `grad_db` is
+    for its gradient."""
     from mipbake import _native
 
     rast, rast_db = empty_rasters(pos, ranges, height, width)

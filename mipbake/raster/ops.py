@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from mipbake.base.aligned import dense
+from mipbake.base.first_order import refuse_second_derivatives
 from mipbake.base.stream import current_stream, errors_of_data
 from mipbake.raster import _forward
 from mipbake.raster._forward import empty_attributes, empty_rasters, optional, silhouette_scratch
@@ -27,15 +28,13 @@ rasterize = torch.library.custom_op(
     "mipbake::rasterize",
     _forward.rasterize,
     mutates_args=(),
-    schema="(Tensor pos, Tensor tri, SymInt height, SymInt width, Tensor? ranges, Tensor? previous, SymInt scratch)"
-    " -> (Tensor, Tensor)",
+    schema="(Tensor pos, Tensor tri, SymInt height, SymInt width, Tensor? ranges, Tensor? previous, SymInt scratch,"
+    " bool grad_db=True) -> (Tensor, Tensor)",
 )
 
 
 @rasterize.register_fake
-def _(
-    pos: Tensor, _tri: Tensor, height: int, width: int, ranges: Tensor | None, _previous: Tensor | None, _scratch: int
-) -> tuple[Tensor, Tensor]:
+def _(pos: Tensor, _tri: Tensor, height: int, width: int, ranges: Tensor | None, *_rest: Any) -> tuple[Tensor, Tensor]:
     return empty_rasters(pos, ranges, height, width)
 
 
@@ -60,19 +59,24 @@ def _(pos: Tensor, _tri: Tensor, _rast: Tensor, _grad_rast: Tensor, _grad_db: Te
 
 def _setup_rasterize(ctx: Any, inputs: tuple[Any, ...], output: tuple[Tensor, Tensor]) -> None:
     ctx.set_materialize_grads(False)
+    ctx.grad_db = inputs[-1]
     ctx.save_for_backward(inputs[0], inputs[1], output[0])
 
 
 def _backward_rasterize(ctx: Any, grad_rast: Tensor | None, grad_db: Tensor | None) -> tuple[Tensor | None, ...]:
     pos, tri, rast = ctx.saved_tensors
+    grad_db = grad_db if ctx.grad_db else None
     grad_pos = None
     if ctx.needs_input_grad[0] and not (grad_rast is None and grad_db is None):
         grad_rast = torch.zeros_like(rast) if grad_rast is None else grad_rast
         grad_pos = rasterize_backward(pos, tri, rast, grad_rast, grad_db)
-    return grad_pos, None, None, None, None, None, None
+    elif ctx.needs_input_grad[0]:
+        grad_pos = torch.zeros_like(pos)
+    return grad_pos, None, None, None, None, None, None, None
 
 
 rasterize.register_autograd(_backward_rasterize, setup_context=_setup_rasterize)
+refuse_second_derivatives(rasterize_backward, "rasterize")
 
 
 # ---- interpolate ----
@@ -150,6 +154,7 @@ def _backward_interpolate(ctx: Any, grad_out: Tensor | None, grad_da: Tensor | N
 
 
 interpolate.register_autograd(_backward_interpolate, setup_context=_setup_interpolate)
+refuse_second_derivatives(interpolate_backward, "interpolate")
 
 
 # ---- antialias ----
@@ -218,3 +223,4 @@ def _backward_antialias(ctx: Any, grad: Tensor) -> tuple[Tensor | None, ...]:
 
 
 antialias.register_autograd(_backward_antialias, setup_context=_setup_antialias)
+refuse_second_derivatives(antialias_backward, "antialias")

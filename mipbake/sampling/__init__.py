@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from mipbake.base.arguments import is_array, reals
-from mipbake.base.forward_mode import refuse_tangents
+from mipbake.base.first_order import refuse_tangents
 from mipbake.sampling import _arguments, _forward
 from mipbake.sampling._arguments import TextureMip, level_sizes
 

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from mipbake.base.aligned import dense
+from mipbake.base.first_order import refuse_second_derivatives
 from mipbake.base.stream import current_stream
 from mipbake.sampling import _forward
 from mipbake.sampling._forward import empty_levels, empty_result, flat, flat_bias, images, readable, together
@@ -140,6 +141,7 @@ def _backward(ctx: Any, grad: Tensor) -> tuple[Any, ...]:
 
 
 texture.register_autograd(_backward, setup_context=_setup_context)
+refuse_second_derivatives(_texture_backward, "texture")
 
 
 def _sum_to(grad: Tensor, shape: torch.Size) -> Tensor:

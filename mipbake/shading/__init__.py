@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from mipbake.base.aligned import dense, strided
 from mipbake.base.arguments import REAL, checked, dtype_of, is_array, reals
 from mipbake.base.errors import UsageError
-from mipbake.base.forward_mode import refuse_tangents
+from mipbake.base.first_order import refuse_tangents
 from mipbake.material import model_named
 from mipbake.shading import _forward
 from mipbake.shading._arguments import LIT_AXES, TurnedAway, batch_shape, is_black, lit_batch, per_texel
@@ -68,8 +68,10 @@ def shade(model: str, material: Array, light: Any, view: Any, *, turned_away: Tu
     The gradient of tensors by the material is exact, and 0 where a texel is unlit, in a roughness below its floor and
     in a normal or direction shorter than 1e-6. The gradient of an n.v that is held is 0; n.h keeps its own. Nothing is
     stored for it: the backward pass shades again (Kemppinen et al. 2023, section 3.3). Each texel's sum runs over the
-    pairs in order: the same bits whatever the number of threads. Lights and views get no gradient: one that requires it
-    is an error, and detach() says that none is wanted. There is no second derivative.
+    pairs in order: the same bits whatever the number of threads.
+
+    The gradient by lights and views is that of f(theta, l / |l|, v / |v|), at a right angle to each direction. It comes
+    from dual numbers, and takes memory for two more results. There is no second derivative.
 
     Raises:
         UsageError: an unknown model or rule, or an argument whose type, dtype, device or shape does not fit, by name.
@@ -94,11 +96,7 @@ def shade(model: str, material: Array, light: Any, view: Any, *, turned_away: Tu
 def _direction(name: str, value: Any, like: tuple[str, Any]) -> Any:
     found = reals(name, value, like, dtype_of(like[1]))
     if not is_array(found):
-        import torch
-
         refuse_tangents(**{like[0]: like[1], name: value})
-        if value.requires_grad and torch.is_grad_enabled():
-            raise UsageError(f"{name} requires a gradient, and shade has none for it: pass {name}.detach()")
     return found
 
 

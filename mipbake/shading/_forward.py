@@ -37,6 +37,21 @@ def shade_backward(model: str, material: Any, light: Any, view: Any, grad: Any, 
     return out
 
 
+def directions_backward(
+    model: str, material: Any, light: Any, view: Any, grad: Any, black: bool = False
+) -> tuple[Any, Any]:
+    """The gradients by lights and views, in their shapes."""
+    from mipbake import _native
+
+    found = empty(material, grad.shape), empty(material, grad.shape)
+    if 0 not in grad.shape:
+        with current_stream(material, "material") as stream:
+            given = strided(material), strided(light), strided(view), dense(grad)
+            _native.shade_directions_backward(model, *given, *found, stream, black)
+    by_light, by_view = (each.sum(2) if to.ndim == 3 else each for each, to in zip(found, (light, view), strict=True))
+    return by_light, by_view
+
+
 def empty_radiance(material: Any, light: Any) -> Any:
     """Where radiance is written."""
     return empty(material, (material.shape[0], light.shape[1], material.shape[1], 3))

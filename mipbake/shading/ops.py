@@ -1,4 +1,4 @@
-"""Shading as a torch op: differentiable in the material, compiled by torch.compile, on the CPU and with CUDA."""
+"""Shading as a torch op: gradients by material, lights and views, under torch.compile, on the CPU and with CUDA."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from mipbake.base.first_order import refuse_second_derivatives
 from mipbake.shading import _forward
 
 __all__ = ["shade"]
@@ -37,16 +38,32 @@ def _(_model: str, material: Tensor, *_rest: Any) -> Tensor:
     return material.new_empty(material.shape)
 
 
+_directions_backward = torch.library.custom_op(
+    "mipbake::shade_directions_backward",
+    _forward.directions_backward,
+    mutates_args=(),
+    schema=f"({_ARGUMENTS}, Tensor grad, bool black=False) -> (Tensor, Tensor)",
+)
+
+
+@_directions_backward.register_fake
+def _(_model: str, material: Tensor, light: Tensor, view: Tensor, *_rest: Any) -> tuple[Tensor, Tensor]:
+    return material.new_empty(light.shape), material.new_empty(view.shape)
+
+
 def _setup_context(ctx: Any, inputs: tuple[str, Tensor, Tensor, Tensor, bool], output: Tensor) -> None:  # noqa: ARG001
     ctx.model, *tensors, ctx.black = inputs
     ctx.save_for_backward(*tensors)
 
 
-def _backward(ctx: Any, grad: Tensor) -> tuple[None, Tensor | None, None, None, None]:
-    material, light, view = ctx.saved_tensors
-    needed = ctx.needs_input_grad[1]
-    by_material = _shade_backward(ctx.model, material, light, view, grad, ctx.black) if needed else None
-    return None, by_material, None, None, None
+def _backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, ...]:
+    given = (ctx.model, *ctx.saved_tensors, grad, ctx.black)
+    _, by_material, *by_directions, _ = ctx.needs_input_grad
+    material = _shade_backward(*given) if by_material else None
+    light, view = _directions_backward(*given) if any(by_directions) else (None, None)
+    return None, material, light, view, None
 
 
 shade.register_autograd(_backward, setup_context=_setup_context)
+refuse_second_derivatives(_shade_backward, "shade")
+refuse_second_derivatives(_directions_backward, "shade")

@@ -1,4 +1,5 @@
-"""Forward-mode derivatives, which the torch ops do not have: an error in place of tangents that are silently lost."""
+"""Derivatives that the torch ops do not have: an error in place of tangents that are silently lost, and a sentence for
+derivatives of derivatives."""
 
 from __future__ import annotations
 
@@ -6,7 +7,7 @@ from typing import Any
 
 from mipbake.base.errors import UsageError
 
-__all__ = ["refuse_tangents"]
+__all__ = ["refuse_second_derivatives", "refuse_tangents"]
 
 
 def refuse_tangents(**arguments: Any) -> None:
@@ -25,3 +26,19 @@ def refuse_tangents(**arguments: Any) -> None:
                 f"{name} has a forward-mode tangent: expected none, because this op has reverse-mode derivatives "
                 "only; use torch.autograd.grad or backward()"
             )
+
+
+def refuse_second_derivatives(backward: Any, op: str) -> None:
+    """Makes a backward op raise UsageError where its own gradient is wanted.
+
+    Args:
+        backward: of `torch.library.custom_op`. op: what users call the op that it is the gradient of.
+    """
+
+    def refuse(*_: Any) -> Any:
+        raise UsageError(
+            f"{op} has first derivatives only, and a derivative of its gradient is wanted: expected a loss without "
+            "gradients of gradients; leave create_graph out, or detach() the gradient"
+        )
+
+    backward.register_autograd(refuse)
