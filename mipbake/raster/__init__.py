@@ -25,7 +25,9 @@ from collections.abc import Sequence
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from mipbake.base.arguments import REAL, is_array
+import numpy as np
+
+from mipbake.base.arguments import REAL, checked, is_array
 from mipbake.base.errors import UsageError
 from mipbake.base.first_order import refuse_tangents
 from mipbake.raster import _arguments, _forward
@@ -122,12 +124,13 @@ def triangle_indices(rast: Array) -> Array:
     Raises:
         UsageError: rast has no four channels of float32 or float64.
     """
-    _arguments.checked("rast", rast, None, REAL, (("batch", "height", "width", 4),), "the first result of rasterize")
-    if is_array(rast):
-        import numpy as xp
-    else:
-        import torch as xp  # type: ignore[no-redef]
-    ids = rast[..., 3] if is_array(rast) else rast.detach()[..., 3]
+    checked("rast", rast, None, REAL, (("batch", "height", "width", 4),), "the first result of rasterize")
+    xp: Any = np
+    ids: Any = rast[..., 3]
+    if not is_array(rast):
+        import torch as xp
+
+        ids = ids.detach()
     numbers = xp.asarray(ids, dtype=xp.int32)
     if ids.dtype == xp.float32:
         numbers = xp.where(ids > _arguments.EXACT, ids.view(xp.int32) - _arguments.BITS, numbers)
