@@ -192,3 +192,10 @@ def test_command_line_reports_errors_in_one_sentence(tmp_path: Path) -> None:
     assert run.returncode == 2
     assert run.stderr.startswith("error: ")
     assert "Traceback" not in run.stderr
+
+
+@pytest.mark.long
+def test_a_number_of_steps_is_enough_to_train(tmp_path: Path) -> None:
+    subprocess.run([sys.executable, "-m", "mipbake.training", "--steps", "3"], cwd=tmp_path, check=True)
+    assert torch.load(tmp_path / "runs/smoke/best.pt", weights_only=True)["step"] in (0, 3)
+    assert (tmp_path / "runs/smoke/log.csv").read_text().splitlines()[-1].startswith("3,")

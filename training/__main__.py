@@ -1,4 +1,4 @@
-"""`python -m mipbake.training train CONFIG` and `export CHECKPOINT NAME`."""
+"""`python -m mipbake.training [train] [CONFIG]` and `export CHECKPOINT NAME`."""
 
 from __future__ import annotations
 
@@ -12,11 +12,24 @@ from mipbake.base.errors import MipbakeError
 from mipbake.base.extras import extra
 
 
+CONFIGS = Path(__file__).parent / "configs"
+
+
 def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="python -m mipbake.training", description="Trains mipbake's networks.")
+    parser = argparse.ArgumentParser(
+        prog="python -m mipbake.training",
+        description="Trains mipbake's networks. Without a command it trains: --steps 1000 is enough to type.",
+    )
     commands = parser.add_subparsers(dest="command", required=True)
     train = commands.add_parser("train", help="train a network", description="Trains a network as a TOML file says.")
-    train.add_argument("config", type=Path, metavar="CONFIG", help="TOML file; see training/configs")
+    train.add_argument(
+        "config",
+        nargs="?",
+        metavar="CONFIG",
+        help=f"TOML file, or one of {', '.join(sorted(path.stem for path in CONFIGS.glob('*.toml')))} (default: "
+        "mipbake-1 with --data, else smoke, which makes sets of its own and no good network)",
+    )
+    train.add_argument("--steps", type=int, metavar="N", help="optimisation steps, in place of the configuration's")
     train.add_argument("--out", type=Path, metavar="DIR", help="checkpoints and logs (default: runs/<config's name>)")
     train.add_argument("--data", metavar="DIR", help="folder of texture sets, in place of the configuration's")
     train.add_argument("--resume", action="store_true", help="continue from the last checkpoint in --out")
@@ -36,7 +49,10 @@ def _arguments() -> argparse.Namespace:
     export.add_argument("name", metavar="NAME", help="of the weights")
     export.add_argument("--out", type=Path, metavar="DIR", help="(default: where bakes look for weights)")
     export.add_argument("--default", action="store_true", help="use these weights where no others are named")
-    return parser.parse_args()
+    given = sys.argv[1:]
+    if not given or given[0] not in ("train", "export", "-h", "--help"):
+        given = ["train", *given]
+    return parser.parse_args(given)
 
 
 def main() -> int:
@@ -62,9 +78,15 @@ def exit_code(command: Callable[[], object]) -> int:
 def _train(arguments: argparse.Namespace) -> None:
     from mipbake.training.config import read_config
 
-    config = read_config(arguments.config)
+    named = arguments.config or ("mipbake-1" if arguments.data else "smoke")
+    path, released = Path(named), CONFIGS / f"{named}.toml"
+    if not path.exists() and released.exists():
+        path = released
+    config = read_config(path)
     if arguments.data:
         config = dataclasses.replace(config, data=dataclasses.replace(config.data, folder=arguments.data))
+    if arguments.steps is not None:
+        config = dataclasses.replace(config, run=dataclasses.replace(config.run, steps=arguments.steps))
     import torch
 
     from mipbake.base.allocator import keep_freed_memory
@@ -74,7 +96,7 @@ def _train(arguments: argparse.Namespace) -> None:
     torch.set_num_threads(threads_beside_batches())
     train(
         config,
-        arguments.out or Path("runs") / arguments.config.stem,
+        arguments.out or Path("runs") / path.stem,
         arguments.resume,
         start=arguments.start,
         device=arguments.device,
