@@ -11,7 +11,6 @@ from pathlib import Path
 from mipbake.base.errors import MipbakeError
 from mipbake.base.extras import extra
 
-
 CONFIGS = Path(__file__).parent / "configs"
 
 
