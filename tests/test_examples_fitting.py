@@ -12,7 +12,7 @@ import pytest
 import torch
 
 FITTING = Path(__file__).parents[1] / "examples" / "fitting"
-MODULES = ("camera", "meshes", "report", "textures", "cube", "earth", "envphong", "pose")
+MODULES = ("camera", "meshes", "report", "textures", "capture", "cube", "earth", "envphong", "pose")
 
 
 @pytest.fixture
@@ -66,6 +66,14 @@ def test_pose(load, tmp_path):
     for result in figures.values():
         assert result["mean loss"] < 0.5 * start["mean loss"]
     assert figures["symmetry"]["mean error"] < start["mean error"]
+
+
+def test_capture(load, tmp_path):
+    sizes = ["--frames", "3", "--cameras", "2", "--resolution", "32", "--texture-size", "16", "--steps", "4"]
+    load("capture").main(["--output", str(tmp_path), *sizes, "--iterations", "300", "--rate", "0.01"])
+    figures = results(tmp_path, "capture")
+    assert figures["mean distance"] < 0.9 * figures["of the base mesh"]
+    assert figures["convergence"][-1] == [300, figures["mean distance"]]
 
 
 def test_envphong(load, tmp_path):

@@ -79,6 +79,7 @@ KNOWN: Mapping[str, Known] = {
     "fitting-earth": _fitting("earth", "a planet's texture from views"),
     "fitting-cube": _fitting("cube", "corners and colours of a cube"),
     "fitting-envphong": _fitting("envphong", "an environment and a highlight"),
+    "fitting-capture": _fitting("capture", "a surface that moves, and its texture"),
     "fitting-pose": _fitting("pose", "the pose of a cube"),
     "fit": _measured(
         "stacks that were fitted in renderers, beside bakes",

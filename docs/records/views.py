@@ -41,7 +41,8 @@ def shimmer_caption(records: Records) -> str:
 
 
 def fitting_table(records: Records) -> str:
-    earth, cube, phong, pose = (records[f"fitting-{name}"]["figures"] for name in ("earth", "cube", "envphong", "pose"))
+    experiments = ("earth", "cube", "envphong", "pose", "capture")
+    earth, cube, phong, pose, capture = (records[f"fitting-{name}"]["figures"] for name in experiments)
     colour, true = (", ".join(f"{each:.3g}" for each in phong[name]) for name in ("color", "true color"))
     rows = [
         ["earth, PSNR of the texture with mipmaps", f"{earth['psnr with mipmaps']:.1f} dB", "32.9 dB"],
@@ -57,6 +58,8 @@ def fitting_table(records: Records) -> str:
     ]
     for name in ("noise", "two phases", "symmetry"):
         rows.append([f"pose, {name}", f"{pose[name]['mean error']:.1f} degrees", f"{pose[name]['paper']:.2f}"])
+    off, still = capture["mean distance"], capture["of the base mesh"]
+    rows.append(["capture, mean distance of vertices", f"{off:.3f} of {still:.3f} at the start", "pictures"])
     return table(["figure", "here", "paper"], rows)
 
 
