@@ -225,6 +225,16 @@ def test_green_of_normals(written: Written, preset: str) -> None:
     assert told["normal_convention"] == ("DirectX" if preset in DIRECTX else "OpenGL")
 
 
+def test_the_manifest_says_which_file_holds_a_map(written: Written, preset: str) -> None:
+    for output in json.loads((written.folder / "stack.json").read_text())["outputs"]:
+        files = {
+            name: {"roughness" if channel == "smoothness" else channel.split()[0] for channel in channels} - {"1"}
+            for name, (channels, _) in EXPECTED[preset].items()
+            if name.endswith(output["format"])
+        }
+        assert output["map_files"] == {each: name for name, maps in files.items() for each in maps}
+
+
 def test_the_command_line_says_what_it_chose_and_warns(tmp_path) -> None:
     size = 12
     folder = packed_sets.write(

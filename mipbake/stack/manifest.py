@@ -21,6 +21,7 @@ from mipbake.stack.map_files import (
     check_same_sources,
     described,
     is_result_folder,
+    map_files,
     normal_convention,
     read_files,
 )
@@ -177,6 +178,7 @@ def manifest_of(stack: MipStack, plans: Sequence[tuple[Output, Sequence[MapFile]
                 "format": output.container.name,
                 "packing": output.packing,
                 "normal_convention": normal_convention(files),
+                "map_files": map_files(files),
                 "maps": described(files),
             }
             for output, files in plans

@@ -20,6 +20,7 @@ from mipbake.base.messages import listed
 from mipbake.base.publish import IsOurs, check_room, is_companion, published
 from mipbake.base.threads import on_threads
 from mipbake.source.layout import COLOUR, FLIPPED, INVERTED, SIGNED, FileChannel, FileLayout, from_file, to_file
+from mipbake.source.options import CARRIED
 from mipbake.stack.block_weights import BlockWeights
 from mipbake.stack.containers import Container, Level
 
@@ -228,6 +229,16 @@ def described(files: Sequence[MapFile]) -> dict[str, Any]:
             "levels": [{"width": level.shape[1], "height": level.shape[0]} for level in file.levels],
         }
     return entries
+
+
+def map_files(files: Sequence[MapFile]) -> dict[str, str]:
+    """What a manifest says of maps: the file that holds each, or its level 0 where every level is a file."""
+    return {
+        channel.map: file.container.files(file.layout, len(file.levels))[0]
+        for file in files
+        for channel in file.layout.channels
+        if channel.map and not channel.map.startswith(CARRIED)
+    }
 
 
 def normal_convention(files: Sequence[MapFile]) -> str:
