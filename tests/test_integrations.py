@@ -1,0 +1,158 @@
+"""integrations/unreal and integrations/unity on stacks of theirs, with stand-ins for what they use of the engines."""
+
+from __future__ import annotations
+
+import json
+import runpy
+import shutil
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from . import packed_sets
+from .command_line import run
+from .input_files import write_image
+from .packed_sets import COLOUR, NORMALS, OPACITY, ROUGH, encoded, waves
+from .unreal_stand_in import stand_in
+
+INTEGRATIONS = Path(__file__).parents[1] / "integrations"
+SCRIPT = INTEGRATIONS / "unreal" / "mipbake_import.py"
+
+
+def baked(source: Path, out: Path, preset: str, *options: str) -> Path:
+    chosen = options or ("--method", "linear")
+    assert run("bake", source, "-o", out, "--preset", preset, *chosen)[0] == 0
+    return out / source.name
+
+
+def wood(folder: Path) -> Path:
+    """A set with every map."""
+    colours = np.dstack([waves(3), waves(6), waves(9)])
+    opaque = np.dstack([COLOUR, OPACITY])
+    return packed_sets.orm(folder / "wood", wood_base_color=opaque, wood_emissive=colours, wood_height=waves(11))
+
+
+def imported(monkeypatch: pytest.MonkeyPatch, unreal: Any, *arguments: object) -> list[str]:
+    """What the log of the engine has after a `py` command."""
+    unreal.said.clear()
+    monkeypatch.setitem(sys.modules, "unreal", unreal)
+    monkeypatch.setattr(sys, "argv", [str(SCRIPT), *map(str, arguments)])
+    runpy.run_path(str(SCRIPT), run_name="__main__")
+    return list(unreal.said)
+
+
+def test_unreal_gets_textures_and_a_material(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    unreal = stand_in()
+    said = imported(monkeypatch, unreal, baked(wood(tmp_path), tmp_path / "out", "unreal"), "/Game/Made/")
+    assert said == ["mipbake: made /Game/Made/M_wood"]
+    textures = {path.rsplit("_", 1)[1]: unreal.assets[path] for path in unreal.assets if "/T_" in path}
+    assert set(textures) == {"BC", "N", "ORM", "E", "H"}
+    for name, texture in textures.items():
+        found = {key: getattr(value, "name", value) for key, value in texture.properties.items()}
+        assert found == {
+            "mip_gen_settings": "TMGS_LEAVE_EXISTING_MIPS",
+            "composite_texture": None,
+            "composite_texture_mode": "CTM_DISABLED",
+            "flip_green_channel": False,
+            "lod_bias": 0,
+            "compression_settings": "TC_NORMALMAP" if name == "N" else "TC_BC7",
+            "srgb": name in ("BC", "E"),
+            "address_x": "TA_WRAP",
+            "address_y": "TA_WRAP",
+        }
+        assert texture.saved
+    material = unreal.assets["/Game/Made/M_wood"]
+    feeds = {}
+    for target, (node, channel) in material.feeds.items():
+        texture = next(name for name, each in textures.items() if each is node.properties["texture"])
+        sampler = node.properties["sampler_type"].name.removeprefix("SAMPLERTYPE_")
+        feeds[target] = (node.properties["parameter_name"], texture, channel, sampler)
+    assert feeds == {
+        "MP_BASE_COLOR": ("BaseColor", "BC", "RGB", "COLOR"),
+        "MP_OPACITY": ("BaseColor", "BC", "A", "COLOR"),
+        "MP_NORMAL": ("Normal", "N", "RGB", "NORMAL"),
+        "MP_AMBIENT_OCCLUSION": ("ORM", "ORM", "R", "LINEAR_COLOR"),
+        "MP_ROUGHNESS": ("ORM", "ORM", "G", "LINEAR_COLOR"),
+        "MP_METALLIC": ("ORM", "ORM", "B", "LINEAR_COLOR"),
+        "MP_EMISSIVE_COLOR": ("Emissive", "E", "RGB", "COLOR"),
+    }
+    assert material.properties == {"blend_mode": unreal.BlendMode.BLEND_TRANSLUCENT}
+    assert material.saved and material.compiled
+
+
+def test_unreal_keeps_a_material_that_is_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    unreal = stand_in()
+    stack = baked(wood(tmp_path), tmp_path / "out", "unreal")
+    imported(monkeypatch, unreal, stack)
+    material = unreal.assets["/Game/mipbake/M_wood"]
+    before = dict(unreal.assets)
+    material.feeds.clear()
+    unreal.assets["/Game/mipbake/T_wood_ORM"].properties["srgb"] = True
+    said = imported(monkeypatch, unreal, stack)
+    assert said == ["mipbake: updated the textures of /Game/mipbake/M_wood, the material itself is as it was"]
+    assert unreal.assets == before and not material.feeds
+    assert unreal.assets["/Game/mipbake/T_wood_ORM"].properties["srgb"] is False
+
+
+def test_unreal_gets_tested_opacity_half_floats_and_tiles(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    unreal = stand_in()
+    leaf = packed_sets.orm(tmp_path / "leaf", wood_base_color=np.dstack([COLOUR, OPACITY]))
+    options = ["--method", "linear", "--alpha-cutoff", "0.25", "--wrap-u", "clamp"]
+    imported(monkeypatch, unreal, baked(leaf, tmp_path / "out", "unreal", *options))
+    material = unreal.assets["/Game/mipbake/M_leaf"]
+    assert material.properties == {"blend_mode": unreal.BlendMode.BLEND_MASKED, "opacity_mask_clip_value": 0.25}
+    assert material.feeds["MP_OPACITY_MASK"][1] == "A" and "MP_OPACITY" not in material.feeds
+    base = unreal.assets["/Game/mipbake/T_leaf_BC"].properties
+    assert (base["address_x"].name, base["address_y"].name) == ("TA_CLAMP", "TA_WRAP")
+
+    bright = packed_sets.orm(tmp_path / "bright")
+    write_image(bright / "wood_emissive.exr", np.full((16, 16, 3), 4, np.float32))
+    imported(monkeypatch, unreal, baked(bright, tmp_path / "out", "unreal"))
+    node, _ = unreal.assets["/Game/mipbake/M_bright"].feeds["MP_EMISSIVE_COLOR"]
+    texture = node.properties["texture"].properties
+    assert (texture["compression_settings"].name, texture["srgb"]) == ("TC_HDR", False)
+    assert node.properties["sampler_type"].name == "SAMPLERTYPE_LINEAR_COLOR"
+
+    wall = {"wall_normal_gl": encoded(NORMALS), "wall_roughness": ROUGH}
+    tiles = {f"{name}.{tile}": pixels for tile in (1001, 1002) for name, pixels in wall.items()}
+    tiled = packed_sets.write(tmp_path / "wall", wood_base_color=None, wood_normal_gl=None, **tiles)
+    said = imported(monkeypatch, unreal, baked(tiled, tmp_path / "out", "unreal"))
+    assert said == ["mipbake: made /Game/mipbake/M_wall_1001", "mipbake: made /Game/mipbake/M_wall_1002"]
+
+
+def test_unreal_says_what_it_cannot_import_and_makes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    source, out = wood(tmp_path), tmp_path / "out"
+    torn = shutil.copytree(baked(source, out, "unreal"), tmp_path / "torn")
+    (torn / "T_wood_N.dds").unlink()
+    unreadable = tmp_path / "unreadable"
+    unreadable.mkdir()
+    (unreadable / "stack.json").write_text('{"outputs": 3}')
+    again = "bake the set again with mipbake bake SET --preset unreal"
+    blocks = baked(source, tmp_path / "blocks", "unreal", "--method", "linear", "--format", "dds")
+    cases = {
+        (baked(source, tmp_path / "unity", "unity"),): f"stack.json is not of files for Unreal Engine: {again}.",
+        (blocks,): f"stack.json is not of files for Unreal Engine: {again}.",
+        (torn,): "T_wood_N.dds is missing: copy the whole folder that mipbake wrote.",
+        (unreadable,): f"stack.json cannot be read as the description of a stack: {again}.",
+        (tmp_path,): "holds no stack.json: name the folder that mipbake wrote, such as OUT/SET.",
+        (out / "wood", "Made"): "Made is no content folder: expected one such as /Game/Materials.",
+        (): 'type py "mipbake_import.py" "OUT/SET" and, if you like, a folder such as /Game/Materials.',
+    }
+    unreal = stand_in()
+    for arguments, sentence in cases.items():
+        (said,) = imported(monkeypatch, unreal, *arguments)
+        assert said.startswith("error: mipbake: ") and said.endswith(sentence)
+    assert not unreal.assets
+
+
+def test_manifests_tell_where_each_map_is(tmp_path: Path) -> None:
+    """Importers go by `map_files`, so every name in it is a file."""
+    for preset in ("godot", "unity", "unreal"):
+        stack = baked(wood(tmp_path / preset), tmp_path / preset / "out", preset)
+        (output,) = json.loads((stack / "stack.json").read_text())["outputs"]
+        maps = {"base_color", "normal", "roughness", "metallic", "occlusion", "emissive", "height", "opacity"}
+        assert set(output["map_files"]) == maps
+        assert {path.name for path in stack.iterdir()} == {"stack.json", *output["map_files"].values()}
