@@ -1,4 +1,4 @@
-"""integrations/unreal and integrations/unity on stacks of theirs, with stand-ins for what they use of the engines."""
+"""integrations/unreal with a stand-in for the module `unreal`; and what manifests tell all importers."""
 
 from __future__ import annotations
 
