@@ -156,3 +156,16 @@ def test_manifests_tell_where_each_map_is(tmp_path: Path) -> None:
         maps = {"base_color", "normal", "roughness", "metallic", "occlusion", "emissive", "height", "opacity"}
         assert set(output["map_files"]) == maps
         assert {path.name for path in stack.iterdir()} == {"stack.json", *output["map_files"].values()}
+
+
+def test_materials_beside_a_stack_are_in_nobodys_way(tmp_path: Path) -> None:
+    """What importers make of a stack lies beside its folder, and stays when the set is baked again."""
+    for preset, made in {"godot": ["wood.tres"], "unity": ["wood.mat", "wood.mat.meta", "wood.meta"]}.items():
+        out = tmp_path / preset / "out"
+        source = wood(tmp_path / preset)
+        baked(source, out, preset)
+        for name in made:
+            (out / name).write_text("a material")
+        other = packed_sets.orm(tmp_path / preset / "plank")
+        assert run("bake", source, other, "-o", out, "--preset", preset, "--method", "linear")[0] == 0
+        assert {path.name for path in out.iterdir()} == {"wood", "plank", *made}

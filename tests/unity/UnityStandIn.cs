@@ -195,10 +195,11 @@ namespace Stage
         public static readonly Dictionary<string, string[]> Properties = new Dictionary<string, string[]>
         {
             { "Standard", ("_Color _MainTex _Cutoff _Glossiness _GlossMapScale _SmoothnessTextureChannel _Metallic " +
-                "_Mode _MetallicGlossMap _BumpMap _OcclusionStrength _OcclusionMap _EmissionColor _EmissionMap").Split() },
+                "_Mode _MetallicGlossMap _BumpMap _OcclusionStrength _OcclusionMap _EmissionColor " +
+                "_EmissionMap").Split() },
             { "Universal Render Pipeline/Lit", ("_BaseMap _BaseColor _MainTex _Cutoff _Smoothness _Metallic " +
-                "_AlphaClip _SmoothnessTextureChannel _MetallicGlossMap _BumpMap _OcclusionStrength _OcclusionMap _Surface " +
-                "_EmissionColor _EmissionMap").Split() },
+                "_AlphaClip _SmoothnessTextureChannel _MetallicGlossMap _BumpMap _OcclusionStrength _OcclusionMap " +
+                "_Surface _EmissionColor _EmissionMap").Split() },
             { "HDRP/Lit", ("_BaseColor _BaseColorMap _MainTex _Metallic _Smoothness _MaskMap _SmoothnessRemapMin " +
                 "_SmoothnessRemapMax _MetallicRemapMin _MetallicRemapMax _AORemapMin _AORemapMax _NormalMap " +
                 "_EmissiveColor _EmissiveColorMap _AlphaCutoffEnable _AlphaCutoff " +
@@ -236,7 +237,8 @@ namespace Stage
                 if (texture == null) continue;
                 Assets[path] = new Texture2D { name = Path.GetFileName(path) };
                 Console.WriteLine("texture " + string.Join(" ", new object[] {
-                    path, texture.filterMode, texture.wrapModeU, texture.wrapModeV, texture.srgb.boolValue, texture.aniso.intValue,
+                    path, texture.filterMode, texture.wrapModeU, texture.wrapModeV,
+                    texture.srgb.boolValue, texture.aniso.intValue,
                     string.Join(" ", processor.context.sources) }));
             }
             Call(null, "OnPostprocessAllAssets", files, new string[0], new string[0], new string[0]);
