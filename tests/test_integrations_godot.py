@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import io
 import json
 import shutil
 from pathlib import Path
@@ -10,6 +11,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from PIL import Image
+
+from mipbake.base.srgb import srgb_to_linear
 
 from . import packed_sets
 from .command_line import run
@@ -164,10 +168,31 @@ def test_the_entries_of_the_menu(made: Made) -> None:
     assert "out ENTRIES 0" in said
 
 
+def test_a_floor_is_closer_to_the_supersampled_one(browser: Any, tmp_path: Path) -> None:
+    """By 3 dB at least with levels of the method `neural` than with averages, in linear radiance."""
+    leather = ADDON.parents[3] / "examples" / "lacquered_leather"
+    files = {f"addons/mipbake/{path.name}": path.read_bytes() for path in ADDON.iterdir()}
+    for method in ("linear", "neural"):
+        baked(leather, tmp_path / method, "--method", method)
+        folder = tmp_path / method / leather.name
+        files |= {f"{method}/{path.name}": path.read_bytes() for path in folder.iterdir()}
+    lines = played(browser, (HERE / "floor.gd").read_text(), files)
+    seen = {}
+    for name, png in (line.split()[2:] for line in lines if line.startswith("out SEEN ")):
+        with Image.open(io.BytesIO(base64.b64decode(png))) as picture:
+            seen[name] = srgb_to_linear(np.asarray(picture.convert("RGB")) / 255)
+    assert len(seen) == 3, "\n".join(lines)
+    height, width = seen["linear"].shape[:2]
+    reference = seen["reference"].reshape(height, 8, width, 8, 3).mean((1, 3))
+    assert reference.max() > 2 * reference.mean() > 0.05  # the sun is seen in the floor
+    errors = {name: np.square(seen[name] - reference).mean() for name in ("linear", "neural")}
+    assert 10 * np.log10(errors["linear"] / errors["neural"]) > 3, errors
+
+
 def test_scripts_follow_the_style_of_the_engine() -> None:
     linter = pytest.importorskip("gdtoolkit.linter", reason="gdtoolkit is not installed (pip install gdtoolkit)")
     scripts = sorted([*ADDON.glob("*.gd"), *HERE.glob("*.gd")])
-    assert len(scripts) == 4
+    assert len(scripts) == 5
     for script in scripts:
         problems = linter.lint_code(script.read_text(encoding="utf-8"))
         assert not problems, f"{script.name}: {problems[0].line}: {problems[0].description}"
