@@ -50,7 +50,8 @@ class Job:
         self.clear()
         if code:
             found = [line.removeprefix("mipbake: ") for line in errors if line.startswith("mipbake: ")]
-            raise BakeError((found or errors or [f"mipbake ended with exit code {code}"])[-1])
+            sentence = (found or errors or [f"mipbake ended with exit code {code}"])[-1]
+            raise BakeError(sentence.replace(f"{self.staged / self.out.name}{os.sep}", ""))
         return [line for line in said if not line.startswith("in Blender")]
 
     def stop(self) -> None:
