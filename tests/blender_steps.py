@@ -30,9 +30,11 @@ def separate():
     material.mipbake.shown = "BEFORE"
     result |= {"before": links(material)}
     result["render"]["before"] = render("before")
-    material.mipbake.shown, material.mipbake.one_level, material.mipbake.level = "AFTER", True, 2
+    material.mipbake.shown, material.mipbake.one_level = "AFTER", True
+    result["render"]["level 0"] = render("level 0")
+    material.mipbake.level = 2
     result |= {"level 2": links(material)}
-    result["render"]["level 2"] = render("level")
+    result["render"]["level 2"] = render("level 2")
     material.mipbake.level = 20
     result |= {"last level": [material.mipbake.level, links(material)]}
     material.mipbake.one_level = False
@@ -41,7 +43,7 @@ def separate():
     result |= {"again": links(material), "more nodes": len(material.node_tree.nodes) - nodes}
     bpy.ops.ed.undo()
     material = bpy.data.materials["Old Leather.001"]
-    return result | {"undone": links(material), "switches": len(material.mipbake.switches), "cache": cache()}
+    return result | {"undone": links(material), "switches": material.mipbake.switches, "cache": cache()}
 
 
 def gltf():
@@ -143,6 +145,12 @@ def errors():
     spoils = (generated, painted, ramp, bump, two_images, mapped, unlinked, coloured, missing, second)
     for spoil in spoils:
         attempt(spoil.__name__, spoil)
+    first = made(plain)
+    first.name = "Old Leather 014"
+    bpy.ops.material.mipbake()
+    bpy.context.object.active_material = first.copy()
+    bpy.context.object.active_material.name = "Old Leather.014"  # its folder would be the same
+    said["taken"] = fails(bpy.ops.material.mipbake)
     attempt("nothing", lambda *_: None, {})
     attempt("broken", lambda *_: None, {**plain, "normal": SETS / "broken.png"})
     preferences().command = "no such program"
@@ -241,8 +249,7 @@ def render(name):
 
 
 def preferences():
-    name = next(name for name in bpy.context.preferences.addons.keys() if name.endswith(".mipbake"))
-    return bpy.context.preferences.addons[name].preferences
+    return next(each for each in bpy.context.preferences.addons if each.module.endswith(".mipbake")).preferences
 
 
 if __name__ == "__main__":

@@ -4,9 +4,9 @@ import bpy
 
 from .operator import BakeMaterial
 from .panel import MaterialPanel, Preferences, ShaderPanel
-from .show import Baked, Switch
+from .show import Baked
 
-_CLASSES = (Preferences, Switch, Baked, BakeMaterial, ShaderPanel, MaterialPanel)
+_CLASSES = (Preferences, Baked, BakeMaterial, ShaderPanel, MaterialPanel)
 
 
 def register() -> None:

@@ -9,7 +9,6 @@ import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
 
 import bpy
 import numpy as np
@@ -77,7 +76,10 @@ def start(plan: Plan, name: str, folder: Path, command: str) -> Job:
         formats = ("--preset", "blender", "--format", "exr,png")
         words = [*program, "bake", str(staged / name), "--out", str(folder), *formats, *options]
         with (staged / "stdout").open("wb") as out, (staged / "stderr").open("wb") as err:
-            process = _spawn(words, environment, out, err)
+            flags = getattr(subprocess, "CREATE_NO_WINDOW", 0)  # on Windows, no black window
+            process = subprocess.Popen(
+                words, env=environment, stdin=subprocess.DEVNULL, stdout=out, stderr=err, creationflags=flags
+            )
     except (OSError, RuntimeError) as error:  # what Blender raises for images that it cannot write
         shutil.rmtree(staged, ignore_errors=True)
         raise BakeError(f"the bake cannot begin: {' '.join(str(error).split())}") from error
@@ -165,10 +167,3 @@ def _computed(use: Use, folder: Path) -> str:
     finally:
         bpy.data.images.remove(made)
     return f"{use.role}.exr"
-
-
-def _spawn(words: list[str], environment: dict[str, str], out: IO[Any], err: IO[Any]) -> "subprocess.Popen[bytes]":
-    flags = getattr(subprocess, "CREATE_NO_WINDOW", 0)  # on Windows, no black window
-    return subprocess.Popen(
-        words, env=environment, stdin=subprocess.DEVNULL, stdout=out, stderr=err, creationflags=flags
-    )

@@ -78,8 +78,9 @@ class BakeMaterial(bpy.types.Operator):
             self._material, self._folder = material.name, folder_of(context.scene)
             self._key = original_plan(material).key()
             command = context.preferences.addons[__package__].preferences.command
-            folder = Path(bpy.path.abspath(self._folder))
-            self._job = bake.start(original_plan(material), safe(material.name), folder, command)
+            folder, name = Path(bpy.path.abspath(self._folder)), safe(material.name)
+            check_unused(folder / name, material)
+            self._job = bake.start(original_plan(material), name, folder, command)
         except BakeError as error:
             self.report({"ERROR"}, str(error))
             return False
@@ -125,6 +126,16 @@ def folder_of(scene: bpy.types.Scene) -> str:
             "the baked images go into the folder of the .blend file: save it first, or choose another Folder"
         )
     return folder[:2] + folder[2:].rstrip("/\\")
+
+
+def check_unused(folder: Path, material: bpy.types.Material) -> None:
+    """BakeError where another material shows what lies in a folder."""
+    for other in bpy.data.materials:
+        nodes = show.baked_nodes(other) if other != material and other.node_tree else []
+        if any(Path(bpy.path.abspath(node.image.filepath)).parent == folder for node in nodes):
+            raise BakeError(
+                f"'{other.name}' shows the images in {folder}: rename '{material.name}', or choose another Folder"
+            )
 
 
 def safe(name: str) -> str:

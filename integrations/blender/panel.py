@@ -52,7 +52,8 @@ class ShaderPanel(_Panel, bpy.types.Panel):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return context.space_data.tree_type == "ShaderNodeTree" and super().poll(context)
+        space = context.space_data
+        return (space.tree_type, space.shader_type) == ("ShaderNodeTree", "OBJECT") and super().poll(context)
 
 
 class MaterialPanel(_Panel, bpy.types.Panel):

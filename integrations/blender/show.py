@@ -1,13 +1,14 @@
 """Shows baked images in a material: new nodes beside the old ones, and links that are exchanged."""
 
+import json
 import re
-from collections.abc import Iterator
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
 import bpy
 
-from .nodes import BakeError, Plan, Use
+from .nodes import BakeError, Plan, Use, feeding
 
 MARK = "mipbake"
 """Custom property of the image nodes that show a baked map: its role."""
@@ -15,21 +16,10 @@ MARK = "mipbake"
 _FILE = re.compile(r"(_mip\d+\.png|\.exr)$")
 
 
-class Switch(bpy.types.PropertyGroup):
-    """An input whose link differs before and after: names of nodes, identifiers of their sockets."""
-
-    node: bpy.props.StringProperty()
-    socket: bpy.props.StringProperty()
-    before_node: bpy.props.StringProperty()
-    before_socket: bpy.props.StringProperty()
-    after_node: bpy.props.StringProperty()
-    after_socket: bpy.props.StringProperty()
-
-
 class Baked(bpy.types.PropertyGroup):
     """What is baked of a material, and what of it is shown."""
 
-    switches: bpy.props.CollectionProperty(type=Switch)
+    switches: bpy.props.StringProperty()  # JSON: inputs whose link differs, what feeds them before, what after
     levels: bpy.props.IntProperty()
     shown: bpy.props.EnumProperty(
         name="Show",
@@ -43,7 +33,7 @@ class Baked(bpy.types.PropertyGroup):
     one_level: bpy.props.BoolProperty(
         name="One Level",
         description="Show one level alone, for EEVEE and for Cycles before 5.2, which do not read levels of files",
-        update=lambda self, _: load(self.id_data),
+        update=lambda self, context: _load(self.id_data, context),
     )
     level: bpy.props.IntProperty(
         name="Level",
@@ -51,30 +41,39 @@ class Baked(bpy.types.PropertyGroup):
         "right one has texels as large as pixels",
         min=0,
         max=20,
-        update=lambda self, _: load(self.id_data),
+        update=lambda self, context: _load(self.id_data, context),
     )
 
 
 def link(material: bpy.types.Material, shown: str) -> None:
     """Links what is to be shown. Nodes that the user has removed are left out."""
-    tree = material.node_tree
-    for each in material.mipbake.switches:
-        to = _socket(tree, each.node, "inputs", each.socket)
-        before = (each.before_node, each.before_socket)
-        node, socket = before if shown == "BEFORE" else (each.after_node, each.after_socket)
-        source = _socket(tree, node, "outputs", socket)
-        if to and source:
-            tree.links.new(source, to)
+    for to, before, after in _switches(material):
+        target = _socket(material, "inputs", to)
+        source = _socket(material, "outputs", before if shown == "BEFORE" else after)
+        if target and source:
+            material.node_tree.links.new(source, target)
+
+
+def _load(material: bpy.types.Material, context: bpy.types.Context) -> None:
+    """`load` for the panel, which has no reports: a file that is gone is told in a popup."""
+    baked = material.mipbake
+    if baked.level >= max(baked.levels, 1):
+        baked.level = max(baked.levels, 1) - 1  # which comes here again
+        return
+    try:
+        load(material)
+    except BakeError as error:
+        sentence = str(error)
+        context.window_manager.popup_menu(
+            lambda menu, _: menu.layout.label(text=sentence), title="mipbake", icon="ERROR"
+        )
 
 
 def load(material: bpy.types.Material) -> None:
     """Loads the files of the level that is to be shown into the baked image nodes."""
     baked = material.mipbake
-    if baked.level >= max(baked.levels, 1):
-        baked.level = max(baked.levels, 1) - 1  # which comes here again
-        return
     ending = f"_mip{baked.level:02}.png" if baked.one_level else ".exr"
-    for node in _baked_nodes(material):
+    for node in baked_nodes(material):
         tiles = [tile.number for tile in node.image.tiles] if node.image.source == "TILED" else []
         node.image = _image(_FILE.sub(ending, node.image.filepath), node[MARK], tiles)
 
@@ -83,32 +82,30 @@ def remove(material: bpy.types.Material) -> None:
     """Leaves the tree as it was before it was baked."""
     link(material, "BEFORE")
     nodes = material.node_tree.nodes
-    gone = {nodes.get(each.after_node) for each in material.mipbake.switches} | set(_baked_nodes(material))
-    for node in [each for each in gone if each]:
+    gone = {nodes.get(after[0]) for _, _, after in _switches(material)} | set(baked_nodes(material))
+    for node in filter(None, gone):
         nodes.remove(node)
-    material.mipbake.switches.clear()
+    material.mipbake.switches = ""
 
 
 def rewire(material: bpy.types.Material, plan: Plan, folder: str) -> None:
     """Links the images that were baked into a folder, whose name their names begin with."""
     stem = f"{folder}/{Path(folder).name}"
-    levels = re.compile(re.escape(f"{Path(folder).name}_") + r".*_mip(\d+)\.png")
-    found = [levels.fullmatch(path.name) for path in Path(bpy.path.abspath(folder)).iterdir()]
-    material.mipbake.levels = 1 + max((int(match[1]) for match in found if match), default=0)
-    nodes = material.node_tree.nodes
-    bottom = min(_place(node)[1] for node in nodes) - 320  # below the highest of nodes
+    files = Path(bpy.path.abspath(folder)).glob("*_mip*.png")
+    material.mipbake.levels = min(Counter(path.name.rpartition("_mip")[0] for path in files).values())
+    bottom = min(_place(node)[1] for node in material.node_tree.nodes) - 320  # nodes of images are as high
+    switches = []
     for row, use in enumerate(plan.uses):
         node = _successor(material, use, stem)
         node.location = (_place(use.node)[0], bottom - 60 * row)
         output = node.outputs["Color"]
         if use.role == "normal":
             output = _normal_map(material, use, node)
-        before, switch = use.to.links[0].from_socket, material.mipbake.switches.add()
-        switch.node, switch.socket = use.to.node.name, use.to.identifier
-        switch.before_node, switch.before_socket = before.node.name, before.identifier
-        switch.after_node, switch.after_socket = output.node.name, output.identifier
-    load(material)
+        switches.append([_name(each) for each in (use.to, use.to.links[0].from_socket, output)])
+    material.mipbake.switches = json.dumps(switches)
     material.mipbake.shown = "AFTER"
+    material.mipbake.level = min(material.mipbake.level, material.mipbake.levels - 1)
+    load(material)
 
 
 def _successor(material: bpy.types.Material, use: Use, stem: str) -> Any:
@@ -127,9 +124,8 @@ def _successor(material: bpy.types.Material, use: Use, stem: str) -> Any:
 
 def _normal_map(material: bpy.types.Material, use: Use, node: Any) -> bpy.types.NodeSocket:
     made = material.node_tree.nodes.new("ShaderNodeNormalMap")
-    old = use.to.links[0].from_node
     made.label, made.hide = "mipbake normal", True
-    made.uv_map = getattr(old, "uv_map", "")
+    made.uv_map = feeding(use.to).node.uv_map
     made.location = (node.location.x + 300, node.location.y)
     material.node_tree.links.new(node.outputs["Color"], made.inputs["Color"])
     return made.outputs["Normal"]
@@ -162,11 +158,19 @@ def _place(node: bpy.types.Node) -> tuple[float, float]:
     return x, y
 
 
-def _baked_nodes(material: bpy.types.Material) -> list[Any]:
+def baked_nodes(material: bpy.types.Material) -> list[Any]:
     return [node for node in material.node_tree.nodes if MARK in node and node.image]
 
 
-def _socket(tree: bpy.types.NodeTree, node: str, side: str, identifier: str) -> Any:
-    """The socket of that name, None where it is gone."""
-    sockets: Iterator[Any] = iter(getattr(tree.nodes.get(node), side, ()))
-    return next((each for each in sockets if each.identifier == identifier), None)
+def _switches(material: bpy.types.Material) -> list[list[list[str]]]:
+    return json.loads(material.mipbake.switches or "[]")
+
+
+def _name(socket: bpy.types.NodeSocket) -> list[str]:
+    return [socket.node.name, socket.identifier]
+
+
+def _socket(material: bpy.types.Material, side: str, name: list[str]) -> Any:
+    """The socket of a name, None where it is gone."""
+    sockets = getattr(material.node_tree.nodes.get(name[0]), side, ())
+    return next((each for each in sockets if each.identifier == name[1]), None)
