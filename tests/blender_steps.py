@@ -109,10 +109,10 @@ def errors():
         source(shader.inputs["Roughness"]).image.pixels[0] = 0.5
         source(shader.inputs["Roughness"]).image.update()
 
-    def ramp(_, tree, shader):
+    def ramp(_, tree, shader, name="Roughness"):
         node = tree.nodes.new("ShaderNodeValToRGB")
-        tree.links.new(shader.inputs["Roughness"].links[0].from_socket, node.inputs[0])
-        tree.links.new(node.outputs["Color"], shader.inputs["Roughness"])
+        tree.links.new(shader.inputs[name].links[0].from_socket, node.inputs[0])
+        tree.links.new(node.outputs["Color"], shader.inputs[name])
 
     def bump(_, tree, shader):
         node = tree.nodes.new("ShaderNodeBump")
@@ -147,7 +147,9 @@ def errors():
         attempt(spoil.__name__, spoil)
     first = made(plain)
     first.name = "Old Leather 014"
+    ramp(first, first.node_tree, shader_of(first), "Base Color")  # which is left as it is
     bpy.ops.material.mipbake()
+    assert links(first)["base_color"] == "ShaderNodeValToRGB" and "_roughness.exr" in links(first)["roughness"][0]
     bpy.context.object.active_material = first.copy()
     bpy.context.object.active_material.name = "Old Leather.014"  # its folder would be the same
     said["taken"] = fails(bpy.ops.material.mipbake)

@@ -121,6 +121,8 @@ def _use(role: str, socket: bpy.types.NodeSocket) -> Use | None:
         count = f"{len(found)} images" if found else "no image"
         raise BakeError(f"{name} comes from {count} through '{output.node.name}': bake that node to one image first")
     node, channel, to, passed = found[0]
+    if role == "base_color" and to.type == "VALUE":
+        return None  # a mask, or what a Color Ramp colours
     if role == "base_color" and channel:
         raise BakeError(f"{name} is one channel of '{node.name}': link the output Color of an image")
     if role in ("base_color", "opacity"):

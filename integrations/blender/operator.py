@@ -45,7 +45,7 @@ class BakeMaterial(bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        if event.type == "ESC":
+        if (event.type, event.value) == ("ESC", "PRESS"):
             self.cancel(context)
             self.report({"WARNING"}, "the bake was cancelled, nothing has changed")
             return {"CANCELLED"}
@@ -98,7 +98,7 @@ class BakeMaterial(bpy.types.Operator):
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         for line in (*lines, texture_cache(context.scene.render)):
-            self.report({"INFO"}, line)
+            self.report({"WARNING" if line.startswith("warning") else "INFO"}, line)
         return {"FINISHED"}
 
 
@@ -148,4 +148,4 @@ def texture_cache(render: bpy.types.RenderSettings) -> str:
     if not hasattr(render, "use_texture_cache"):
         return "Cycles before 5.2 reads level 0 alone, as EEVEE does: One Level shows another one"
     render.use_texture_cache, render.use_auto_generate_texture_cache = True, False
-    return "Texture Cache is on and Auto Generate off, so Cycles reads all levels; EEVEE reads level 0, or One Level"
+    return "Texture Cache is on and Auto Generate off, so Cycles reads the levels; EEVEE reads level 0, or One Level"
