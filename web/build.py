@@ -14,7 +14,7 @@ from pathlib import Path
 
 WEB = Path(__file__).resolve().parent
 ROOT = WEB.parent
-WEIGHTS = ("mipbake-3", "mipbake-3-anisotropic")
+WEIGHTS = ("mipbake-3", "mipbake-3-anisotropic", "mipbake-3-ggx")
 
 
 def main() -> None:
