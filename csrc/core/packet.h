@@ -60,6 +60,8 @@ MIPBAKE_INLINE Register<float>::type register_sqrt(Register<float>::type x) {
     return _mm256_sqrt_ps(x);
 #elif defined(__SSE2__)
     return _mm_sqrt_ps(x);
+#elif defined(__wasm_simd128__)
+    return __builtin_wasm_sqrt_f32x4(x);
 #else
     for (int i = 0; i < Register<float>::lanes; ++i) x[i] = sqrtf(x[i]);
     return x;
@@ -72,6 +74,8 @@ MIPBAKE_INLINE Register<double>::type register_sqrt(Register<double>::type x) {
     return _mm256_sqrt_pd(x);
 #elif defined(__SSE2__)
     return _mm_sqrt_pd(x);
+#elif defined(__wasm_simd128__)
+    return __builtin_wasm_sqrt_f64x2(x);
 #else
     for (int i = 0; i < Register<double>::lanes; ++i) x[i] = ::sqrt(x[i]);
     return x;
@@ -197,6 +201,9 @@ MIPBAKE_INLINE bool any(const Mask<T, N>& mask) {
     return _mm256_movemask_epi8(reinterpret_cast<__m256i>(joined)) != 0;
 #elif defined(__SSE2__)
     return _mm_movemask_epi8(reinterpret_cast<__m128i>(joined)) != 0;
+#elif defined(__wasm_simd128__)
+    typedef signed char Bytes __attribute__((vector_size(16)));
+    return __builtin_wasm_any_true_v128(reinterpret_cast<Bytes>(joined)) != 0;
 #else
     bool found = false;
     for (int i = 0; i < Register<T>::lanes; ++i) found = found || joined[i] != 0;

@@ -3,6 +3,7 @@
 #include <cstdlib>
 #include <memory>
 
+#include "block_ops.h"
 #include "ops.h"
 
 #define MIPBAKE_EXPORT(name) extern "C" __attribute__((export_name(#name)))
@@ -38,6 +39,6 @@ MIPBAKE_EXPORT(resample) void mipbake_resample(const mipbake::ResampleArgs<float
     mipbake::resample_cpu(*args, out);
 }
 
-MIPBAKE_EXPORT(shade) void mipbake_shade(const mipbake::ShadeArgs* args, void* radiance) {
-    mipbake::shade_cpu(*args, radiance);
+MIPBAKE_EXPORT(encode_blocks) void mipbake_encode_blocks(const mipbake::BlockArgs* args, std::uint8_t* blocks) {
+    mipbake::encode_blocks_cpu(*args, blocks);
 }
