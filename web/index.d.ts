@@ -70,6 +70,8 @@ export interface Options {
     normalConvention?: 'opengl' | 'directx';
     /** What a renderer tests opacity against: then as much of it passes at every level. Left out: it is blended. */
     alphaCutoff?: number;
+    /** Sides are enlarged to multiples of this number; 4 is what textures of blocks in glTF need. Default 1. */
+    multipleOf?: number;
     /** Told the finished share, from 0 to 1. */
     onProgress?: (share: number) => void;
     /** Gives the bytes of a file of dist/ by its name; left out, they come from beside the package. */
@@ -88,6 +90,7 @@ export interface Stack {
     /** Name of the trained weights. */
     weights: string | null;
     wrap: [Wrap, Wrap];
+    normalConvention: 'opengl' | 'directx';
     /** The maps that were given, and the maps of the model that were not, at every level. A map of fewer levels has its
      * last one in their place. */
     levels: Record<string, LevelMap>[];
@@ -104,3 +107,14 @@ export function bake(maps: Maps, options?: Options): Promise<Stack>;
 
 export const METHODS: Method[];
 export const FILTERS: Filter[];
+
+/** A map of a stack with all levels as a KTX2 file. `uastc`: blocks that loaders turn into what a graphics card takes;
+ * `rgba8`: texels as they are. Levels are compressed with Zstandard where Node.js has it (22.15 and later). */
+export function ktx2(stack: Stack, map: string, options?: Ktx2Options): Promise<Uint8Array>;
+
+export interface Ktx2Options {
+    /** Default `uastc`. */
+    texels?: 'uastc' | 'rgba8';
+    onProgress?: (share: number) => void;
+    assets?: (name: string) => Promise<ArrayBuffer | Uint8Array>;
+}

@@ -106,6 +106,15 @@ export class Core {
     }
 
     /**
+     * A copy of bytes in memory.
+     * @param {number} at
+     * @param {number} count
+     */
+    bytes(at, count) {
+        return new Uint8Array(this.exports.memory.buffer, at, count).slice();
+    }
+
+    /**
      * A copy of an array in memory.
      * @param {Float32Array | Int32Array} array
      */

@@ -10,8 +10,9 @@ import { networkLevels, networkNamed } from './network.js';
 import { cover, filled, keepingCoverage } from './opacity.js';
 import { FILTERS, filteredLevels, oneOf } from './pixel_filter.js';
 import { samplerOf } from './sampler.js';
+import { ktx2 } from './textures.js';
 
-export { FILTERS, MipbakeError };
+export { FILTERS, ktx2, MipbakeError };
 
 /** @typedef {import('./pixel_filter.js').Image} Image */
 /** @typedef {import('./pixel_filter.js').Wrap} Wrap */
@@ -29,6 +30,7 @@ const DEFAULTS = {
     wrap: /** @type {any} */ ('wrap'),
     normalConvention: 'opengl',
     alphaCutoff: /** @type {number | undefined} */ (undefined),
+    multipleOf: 1,
     onProgress: /** @type {((share: number) => void) | undefined} */ (undefined),
     assets: packaged,
 };
@@ -45,6 +47,7 @@ const WEIGHTS = {
  * Bakes the maps of a material; `index.d.ts` says what the options are and what comes back.
  * @param {Record<string, any>} maps
  * @param {Record<string, any>} [options]
+ * @returns {Promise<import('../index.d.ts').Stack>}
  */
 export async function bake(maps, options = {}) {
     for (const name of Object.keys(options)) oneOf('option', name, Object.keys(DEFAULTS));
@@ -58,24 +61,27 @@ export async function bake(maps, options = {}) {
     if (cutoff !== undefined && !(cutoff > 0 && cutoff <= 1)) {
         throw new MipbakeError(`alphaCutoff is ${cutoff}: expected a number above 0 and at most 1`);
     }
-    const material = readMaps(maps, wrap, asked.normalConvention);
+    if (!Number.isInteger(asked.multipleOf) || asked.multipleOf < 1) {
+        throw new MipbakeError(`multipleOf is ${asked.multipleOf}: expected a whole number of at least 1`);
+    }
+    const material = readMaps(maps, wrap, asked.normalConvention, asked.multipleOf);
     const source = material.shading.anisotropy ? 'gltf-anisotropic' : 'gltf';
-    const target = chosen === 'auto' ? source : chosen;
+    const target = /** @type {import('../index.d.ts').Target} */ (chosen === 'auto' ? source : chosen);
     const progress = turns(asked.onProgress);
     await progress(0);
 
     const core = await Core.of(asked.assets);
     const opacity = hidden(material);
     const stored = sideBySide(material, opacity, wrap);
-    const [weights, read, made] = method === 'neural' ? WEIGHTS[`${target} of ${source}`] : [null, '', ''];
+    const [weights, read, makes] = method === 'neural' ? WEIGHTS[`${target} of ${source}`] : [null, '', ''];
     let levels;
     if (weights) {
         const network = await networkNamed(asked.assets, weights);
         const lookup = { kernel: filter, sampler };
         const shown = (/** @type {number} */ share) => progress(0.95 * share);
         levels = await networkLevels(core, network, convert(stored, source, read), lookup, wrap, shown);
-        if (made !== target) {
-            levels = levels.map((level) => convert(level, made, target));
+        if (makes !== target) {
+            levels = levels.map((level) => convert(level, makes, target));
             levels.forEach(regularise);
         }
         if (target === 'gltf-anisotropic') agreeing(levels, wrap);
@@ -101,7 +107,9 @@ export async function bake(maps, options = {}) {
         return Object.fromEntries(layouts.map((layout) => [layout.name, encoded(layout, images)]));
     });
     await progress(1);
-    const about = { model: target, method, filter, sampler: weights ? sampler : null, weights: weights ?? null, wrap };
+    const normalConvention = /** @type {'opengl' | 'directx'} */ (asked.normalConvention);
+    const made = { method, filter, sampler: weights ? sampler : null, weights: weights ?? null };
+    const about = { model: target, ...made, wrap, normalConvention };
     return { width: material.width, height: material.height, ...about, levels: shown, stored: levels };
 }
 

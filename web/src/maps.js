@@ -10,7 +10,7 @@ import { oneOf, addressed } from './pixel_filter.js';
 /** @typedef {import('./pixel_filter.js').Wrap} Wrap */
 /** @typedef {Uint8Array | Uint8ClampedArray | Uint16Array | Float32Array} Texels */
 /** @typedef {{data: Texels, width: number, height: number, channels?: number}} GivenMap */
-/** @typedef {{data: Texels, width: number, height: number, channels: number}} StoredMap */
+/** @typedef {import('../index.d.ts').LevelMap} StoredMap */
 
 const f = Math.fround;
 const UP_TO = 65536; // texels along a side
@@ -43,7 +43,7 @@ const DEFAULTS = { baseColor: [0.5, 0.5, 0.5], normal: [0, 0, 1], metallic: [0] 
 /**
  * @param {number} value encoded in sRGB, from 0 to 1
  */
-function toLinear(value) {
+export function toLinear(value) {
     return value <= 0.04045 ? value / 12.92 : ((value + 0.055) / 1.055) ** 2.4;
 }
 
@@ -95,7 +95,9 @@ function checked(name, given) {
     if (data instanceof Float32Array && !data.every(Number.isFinite)) {
         throw new MipbakeError(`${name} holds NaN or infinite values: expected none`);
     }
-    return { data, width, height, channels: found };
+    const clamped = data instanceof Uint8ClampedArray;
+    const own = clamped ? new Uint8Array(data.buffer, data.byteOffset, data.length) : data;
+    return { data: own, width, height, channels: found };
 }
 
 /**
@@ -252,9 +254,10 @@ function stretched(image, size, axis, mode) {
  * @param {Record<string, any>} maps
  * @param {Wrap} wrap
  * @param {string} convention of the normal map
+ * @param {number} multiple of which the sides shall be multiples
  * @returns {Material}
  */
-export function readMaps(maps, wrap, convention) {
+export function readMaps(maps, wrap, convention, multiple) {
     const down = oneOf('normalConvention', convention, ['opengl', 'directx']) === 'directx';
     /** @type {Record<string, Image>} */
     const found = {};
@@ -284,7 +287,7 @@ export function readMaps(maps, wrap, convention) {
     }
     if (!found.roughness) throw new MipbakeError('there is no roughness: expected a map, a number, or an orm map');
     for (const [role, value] of Object.entries(DEFAULTS)) found[role] ??= constantOf(role, value);
-    const { shading, width, height } = sameSize(found, wrap);
+    const { shading, width, height } = sameSize(found, wrap, multiple);
     const plain = Object.fromEntries(PLAIN.filter((role) => found[role]).map((role) => [role, found[role]]));
     for (const { name, pieces } of layouts) {
         // Maps that do not shade take the size of those that they share a file with.
@@ -315,21 +318,23 @@ function constantOf(name, values) {
 }
 
 /**
- * The maps that shade at the size of the largest.
+ * The maps that shade at the size of the largest, its sides rounded up to multiples of a number.
  * @param {Record<string, Image>} found
  * @param {Wrap} wrap
+ * @param {number} multiple
  */
-function sameSize(found, wrap) {
+function sameSize(found, wrap, multiple) {
     const roles = ['baseColor', 'metallic', 'roughness', 'normal', 'anisotropy'].filter((role) => found[role]);
     const largest = roles.map((role) => found[role]).reduce((a, b) => (b.width * b.height > a.width * a.height ? b : a));
-    const { width, height } = largest;
+    const [width, height] = [largest.width, largest.height].map((side) => Math.ceil(side / multiple) * multiple);
     /** @type {Record<string, Image>} */
     const shading = {};
     for (const role of roles) {
         const { width: w, height: h } = found[role];
-        const apart = Math.abs(w * height - h * width) > Math.max(height, width);
-        if ((w > 1 || h > 1) && (h > height || w > width || apart)) {
-            throw new MipbakeError(`${role} is ${w} x ${h} and the largest map is ${width} x ${height}: expected one shape`);
+        const [most, high] = [largest.width, largest.height];
+        const apart = Math.abs(w * high - h * most) > Math.max(high, most);
+        if ((w > 1 || h > 1) && (h > high || w > most || apart)) {
+            throw new MipbakeError(`${role} is ${w} x ${h} and the largest map is ${most} x ${high}: expected one shape`);
         }
         shading[role] = resized(found[role], width, height, wrap, role);
     }

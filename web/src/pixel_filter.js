@@ -4,7 +4,7 @@ import { MipbakeError } from './errors.js';
 
 /** @typedef {{index: Int32Array, weights: Float32Array, count: number, taps: number}} Taps
  * What the texels of an axis are summed from: (count, taps) indices in range, and weights. */
-/** @typedef {[string, string]} Wrap Addressing along u and along v, each "wrap" or "clamp". */
+/** @typedef {[import('../index.d.ts').Wrap, import('../index.d.ts').Wrap]} Wrap Addressing along u and along v, each "wrap" or "clamp". */
 /** @typedef {{data: Float32Array, width: number, height: number, channels: number}} Image */
 
 const STEPS = 8192; // across the support of a filter
