@@ -4,8 +4,10 @@ import { KHRTextureBasisu } from '@gltf-transform/extensions';
 
 import { decodedImage } from './decode.js';
 import { MipbakeError } from './errors.js';
-import { bake, ktx2 } from './index.js';
+import { bake, FILTERS, ktx2, METHODS } from './index.js';
 import { materialOf } from './gltf_material.js';
+import { oneOf } from './pixel_filter.js';
+import { samplerOf } from './sampler.js';
 import { rangesOf } from './textures.js';
 
 /** @typedef {import('@gltf-transform/core').Document} Document */
@@ -21,12 +23,13 @@ const TAKEN = ['method', 'filter', 'sampler', 'assets'];
  * @param {Record<string, any>} [options]
  */
 export function mipbake(options = {}) {
-    for (const name of Object.keys(options)) {
-        if (![...OWN, ...TAKEN].includes(name)) {
-            throw new MipbakeError(`unknown option "${name}": expected ${[...TAKEN, ...OWN].join(', ')}`);
-        }
-    }
-    const { encoder, texels, onProgress, onBaked } = options;
+    for (const name of Object.keys(options)) oneOf('option', name, [...TAKEN, ...OWN]);
+    const { encoder, texels = 'uastc', onProgress, onBaked } = options;
+    // What is wrong is said before any work.
+    oneOf('method', options.method ?? METHODS[0], METHODS);
+    oneOf('filter', options.filter ?? FILTERS[0], FILTERS);
+    oneOf('kind of texels', texels, ['uastc', 'rgba8']);
+    samplerOf(options.sampler ?? 'trilinear');
     const taken = Object.fromEntries(TAKEN.map((name) => [name, options[name]]));
 
     return named('mipbake', async (/** @type {Document} */ document) => {
@@ -87,7 +90,7 @@ function fileOf(texture) {
  * @param {Part[]} parts
  * @param {(texture: Texture) => Promise<any>} image
  * @param {Record<string, any>} taken
- * @param {'uastc' | 'rgba8' | undefined} texels
+ * @param {'uastc' | 'rgba8'} texels
  * @param {(share: number) => void} progress
  */
 async function baked(parts, image, taken, texels, progress) {
