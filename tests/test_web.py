@@ -53,8 +53,8 @@ NEARLY_ALL = 0.95
 """Of blocks: where two choices are nearly as good, rounding chooses."""
 
 NEAR, OFF = 2e-5, 2e-4
-"""What nearly all stored channels differ by at most, and what any does. The native core itself gives numbers that differ
-by 2.5e-5 on other instruction sets."""
+"""What nearly all stored channels differ by at most, and what any does. The native core itself gives numbers that
+differ by 2.5e-5 on other instruction sets."""
 
 DIRECTION, STRENGTH = slice(8, 10), 10
 

@@ -15,6 +15,12 @@ using Index = std::int64_t;
 using P = typename Lanes<float>::Real;
 constexpr int kLanes = Lanes<float>::count;
 
+#ifdef __wasm__
+constexpr bool kEvery = false;  // a module of WebAssembly is downloaded, and has UASTC alone
+#else
+constexpr bool kEvery = true;
+#endif
+
 // The numbers of a packet, as whole ones.
 struct Whole {
     int lane[kLanes];
@@ -306,15 +312,16 @@ void encode_blocks(const BlockArgs& args, Index begin, Index end, std::uint8_t* 
     for (Index at = begin; at < end; at += kLanes) {
         const Index count = std::min<Index>(kLanes, end - at);
         std::uint8_t* const out = blocks + at * bytes_of(args.format);
-        if (args.format == BlockFormat::bc7 || args.format == BlockFormat::uastc) {
+        const bool bc7 = kEvery && args.format == BlockFormat::bc7;
+        if (!kEvery || bc7 || args.format == BlockFormat::uastc) {
             Texels<4> texels(args, at, end);
             Block found[kLanes];
-            if (args.format == BlockFormat::bc7)
+            if (bc7)
                 spread(Bc7Fitter<P>(texels.value, texels.weight).fit(), found);
             else
                 spread(UastcFitter<P>(texels.value, texels.weight).fit(), found);
             for (Index lane = 0; lane < count; ++lane) {
-                if (args.format == BlockFormat::bc7) {
+                if (bc7) {
                     put_bc7(found[lane], out + 16 * lane);
                 } else {
                     float own[kTexels][4];

@@ -6,6 +6,24 @@ namespace mipbake {
 inline namespace MIPBAKE_ISA {
 namespace {
 
+#ifdef __wasm__
+
+// Calls f(K()) with the kernels for a network. A module of WebAssembly is downloaded, so it has only the networks that
+// csrc/wasm/bakes.cpp lets in: those that correct averages, of models with a GGX lobe.
+template <class F>
+decltype(auto) visit(const KernelNetwork& net, F&& f) {
+    switch (net.made) {
+        case 0:
+            return f(layers::MomentKernels<network::Made<network::ReadGltf, false>>());
+        case 1:
+            return f(layers::MomentKernels<network::Made<network::ReadGltf, true>>());
+        default:
+            return f(layers::MomentKernels<network::Made<network::ReadGgx, false>>());
+    }
+}
+
+#else
+
 // Calls f(K()) with the kernels for a network.
 template <class F>
 decltype(auto) visit_latents(const KernelNetwork& net, F&& f) {
@@ -20,6 +38,8 @@ decltype(auto) visit(const KernelNetwork& net, F&& f) {
     if (net.kind == NetworkKind::latents) return visit_latents(net, f);
     return network::visit_model(net.made, [&](auto made) { return f(layers::MomentKernels<decltype(made)>()); });
 }
+
+#endif
 
 }  // namespace
 

@@ -20,7 +20,11 @@ constexpr int kBlock = 8;  // 32 registers: 24 sums, 3 inputs, 1 weight
 #else
 constexpr int kBlock = 4;  // 16 registers: 12 sums, 3 inputs, 1 weight
 #endif
+#ifdef __wasm__
+constexpr int kPackets = 2;  // engines of WebAssembly keep some of 16 registers for themselves
+#else
 constexpr int kPackets = 3;
+#endif
 
 MIPBAKE_INLINE T load(const float* at) {
     if constexpr (lanes == 1) {

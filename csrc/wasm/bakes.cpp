@@ -2,6 +2,7 @@
 #include <cstdint>
 #include <cstdlib>
 #include <memory>
+#include <stdexcept>
 
 #include "block_ops.h"
 #include "ops.h"
@@ -15,6 +16,8 @@ MIPBAKE_EXPORT(take) void* mipbake_take(std::size_t size) { return std::malloc(s
 MIPBAKE_EXPORT(give) void mipbake_give(void* memory) { std::free(memory); }
 
 MIPBAKE_EXPORT(network_begin) NetworkHandle* mipbake_network_begin(const mipbake::NetworkArgs* args) {
+    if (args->kind != mipbake::NetworkKind::moments || args->made < 0 || args->made > 2)
+        throw std::invalid_argument("this module has moment networks for gltf, gltf-anisotropic and ggx alone");
     return std::make_unique<NetworkHandle>(mipbake::packed_network(*args)).release();
 }
 MIPBAKE_EXPORT(network_end) void mipbake_network_end(NetworkHandle* network) {
@@ -40,5 +43,6 @@ MIPBAKE_EXPORT(resample) void mipbake_resample(const mipbake::ResampleArgs<float
 }
 
 MIPBAKE_EXPORT(encode_blocks) void mipbake_encode_blocks(const mipbake::BlockArgs* args, std::uint8_t* blocks) {
+    if (args->format != mipbake::BlockFormat::uastc) throw std::invalid_argument("this module has UASTC alone");
     mipbake::encode_blocks_cpu(*args, blocks);
 }

@@ -28,12 +28,32 @@ export function once(assets, name, make) {
     return made.get(name);
 }
 
+/**
+ * Where the files of dist/ lie. Each is spelt out, which is how bundlers find them.
+ * @type {Record<string, () => URL>}
+ */
+const FILES = {
+    'bakes.wasm': () => new URL('../dist/bakes.wasm', import.meta.url),
+    'mipbake-3.json': () => new URL('../dist/mipbake-3.json', import.meta.url),
+    'mipbake-3.safetensors': () => new URL('../dist/mipbake-3.safetensors', import.meta.url),
+    'mipbake-3-anisotropic.json': () => new URL('../dist/mipbake-3-anisotropic.json', import.meta.url),
+    'mipbake-3-anisotropic.safetensors': () => new URL('../dist/mipbake-3-anisotropic.safetensors', import.meta.url),
+    'mipbake-3-ggx.json': () => new URL('../dist/mipbake-3-ggx.json', import.meta.url),
+    'mipbake-3-ggx.safetensors': () => new URL('../dist/mipbake-3-ggx.safetensors', import.meta.url),
+};
+
+/**
+ * A module of Node.js; undefined elsewhere. An import would keep bundlers for browsers busy.
+ * @param {string} name
+ * @returns {any}
+ */
+export const nodeModule = (name) => /** @type {any} */ (globalThis).process?.getBuiltinModule?.(name);
+
 /** @type {Assets} The files beside this package: from disk in Node.js, else fetched. */
 export async function packaged(name) {
-    const url = new URL(`../dist/${name}`, import.meta.url);
+    const url = FILES[name]();
     if (url.protocol === 'file:') {
-        const { readFile } = await import('node:fs/promises');
-        return readFile(url).catch((error) => {
+        return nodeModule('node:fs/promises').readFile(url).catch((/** @type {any} */ error) => {
             throw new MipbakeError(`${name} of mipbake cannot be read (${error.code}): install the package again`);
         });
     }

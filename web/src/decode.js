@@ -1,5 +1,6 @@
 // The images of glTF to texels as they are stored: no colour management, no premultiplication, no turning.
 
+import { nodeModule } from './core.js';
 import { MipbakeError } from './errors.js';
 
 /** @typedef {import('./maps.js').StoredMap} StoredMap */
@@ -16,7 +17,7 @@ export async function decodedImage(bytes, mimeType, name, encoder) {
     if (!['image/png', 'image/jpeg', 'image/webp'].includes(mimeType)) {
         throw new MipbakeError(`the texture ${name} is ${mimeType}: expected PNG, JPEG or WebP, before it is compressed`);
     }
-    const sharp = encoder ?? (globalThis.process?.versions?.node ? await installedSharp() : undefined);
+    const sharp = encoder ?? (nodeModule('node:fs') ? await installedSharp() : undefined);
     try {
         return await (sharp ? bySharp(sharp, bytes) : byBrowser(bytes, mimeType));
     } catch (error) {
@@ -28,7 +29,7 @@ export async function decodedImage(bytes, mimeType, name, encoder) {
 async function installedSharp() {
     try {
         const name = 'sharp'; // a name in a variable keeps bundlers from looking for it
-        return (await import(name)).default;
+        return (await import(/* webpackIgnore: true */ /* @vite-ignore */ name)).default;
     } catch {
         throw new MipbakeError('images are decoded by the package sharp, which is missing here: run npm install sharp');
     }

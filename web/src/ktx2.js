@@ -1,6 +1,7 @@
 // KTX 2.0 files of one texture with its levels, as the Khronos specifications of the container and of its data format
 // descriptor have them.
 
+import { nodeModule } from './core.js';
 import version from './version.js';
 
 const IDENTIFIER = [0xab, 0x4b, 0x54, 0x58, 0x20, 0x32, 0x30, 0xbb, 0x0d, 0x0a, 0x1a, 0x0a];
@@ -29,13 +30,11 @@ function kindOf(texels, channels, srgb) {
 
 /**
  * Zstandard where the runtime has it: Node.js 22.15 and later.
- * @returns {Promise<((bytes: Uint8Array) => Uint8Array) | undefined>}
+ * @returns {((bytes: Uint8Array) => Uint8Array) | undefined}
  */
-async function compressor() {
-    if (!globalThis.process?.versions?.node) return undefined;
-    /** @type {any} */
-    const zlib = await import('node:zlib');
-    if (!zlib.zstdCompressSync) return undefined;
+function compressor() {
+    const zlib = nodeModule('node:zlib');
+    if (!zlib?.zstdCompressSync) return undefined;
     const params = { [zlib.constants.ZSTD_c_compressionLevel]: ZSTANDARD_LEVEL };
     return (bytes) => zlib.zstdCompressSync(bytes, { params });
 }
@@ -46,9 +45,9 @@ async function compressor() {
  * @param {{width: number, height: number, texels: 'uastc' | 'rgba8', channels: number, srgb: boolean}} about
  * @param {Record<string, string>} values texts by key
  */
-export async function ktx2File(levels, { width, height, texels, channels, srgb }, values) {
+export function ktx2File(levels, { width, height, texels, channels, srgb }, values) {
     const kind = kindOf(texels, channels, srgb);
-    const compress = await compressor();
+    const compress = compressor();
     const stored = compress ? levels.map(compress) : levels;
     const descriptor = descriptorOf(kind, srgb);
     const pairs = pairsOf({ KTXorientation: 'rd', KTXwriter: `mipbake ${version}`, ...values });
