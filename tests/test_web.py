@@ -8,7 +8,7 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,7 +27,7 @@ from mipbake.source.images import ktx2
 from mipbake.source.images.gpu_format import GpuTexture
 
 from .gltf_files import GltfFile, many_materials
-from .input_files import bytes_of, encoded, height_field, write_set
+from .input_files import bytes_of, encoded, height_field, write_image, write_set
 
 ROOT = Path(__file__).parents[1]
 WEB, ENGINES = ROOT / "web", ROOT / "benchmarks" / "engines"
@@ -349,6 +349,64 @@ def test_errors_are_one_sentence_and_nothing_is_written(
     assert said.returncode == 2 and says in said.stderr
     assert said.stderr.startswith("mipbake: ") and said.stderr.count("\n") == 1
     assert not said.stdout and sorted(Path().iterdir()) == before
+
+
+# ---- browsers
+
+
+@pytest.fixture
+def page(browser: Any) -> Iterator[Any]:
+    """A page of a browser that finds the package at http://package.test; nothing else is there."""
+
+    def answered(route: Any) -> None:
+        path = route.request.url.removeprefix("http://package.test/")
+        kinds = {".js": "text/javascript", ".wasm": "application/wasm", ".json": "application/json"}
+        if not path:
+            route.fulfill(body="<!doctype html><title>.</title>", content_type="text/html")
+        else:
+            kind = kinds.get(Path(path).suffix, "application/octet-stream")
+            route.fulfill(body=(WEB / path).read_bytes(), content_type=kind)
+
+    opened = browser.new_page()
+    opened.set_default_timeout(60_000)
+    opened.route("**/*", answered)
+    opened.goto("http://package.test/")
+    yield opened
+    opened.close()
+
+
+def test_browsers_bake_the_same(page: Any, tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    maps = {"normal": encoded(height_field(16, 24)), "roughness": bytes_of(rng.random((16, 24, 1)))}
+    wanted = in_javascript(tmp_path, maps).stored
+    given = {name: [*pixels.shape, pixels.ravel().tolist()] for name, pixels in maps.items()}
+    found = page.evaluate(
+        """async (given) => {
+            const { bake } = await import('/src/index.js');
+            const maps = {};
+            for (const [name, [height, width, channels, values]] of Object.entries(given))
+                maps[name] = { data: Uint8Array.from(values), width, height, channels };
+            return (await bake(maps)).stored.map(({ data }) => [...data]);
+        }""",
+        given,
+    )
+    for level, values in zip(wanted, found, strict=True):
+        assert np.array_equal(level.ravel(), np.array(values, np.float32))
+
+
+def test_browsers_decode_images_without_changing_them(page: Any, tmp_path: Path) -> None:
+    pixels = np.random.default_rng(4).integers(0, 256, (5, 7, 4)).astype(np.uint8)
+    pixels[0, :, 3] = 0  # colours that are not seen stay
+    data = write_image(tmp_path / "a.png", pixels).read_bytes()
+    found = page.evaluate(
+        """async (bytes) => {
+            const { decodedImage } = await import('/src/decode.js');
+            const { data, width, height } = await decodedImage(Uint8Array.from(bytes), 'image/png', 'a');
+            return [width, height, [...data]];
+        }""",
+        list(data),
+    )
+    assert found[:2] == [7, 5] and np.array_equal(np.array(found[2], np.uint8).reshape(5, 7, 4), pixels)
 
 
 # ---- the package
