@@ -174,8 +174,9 @@ function neighbours({ width, height }, wrap, see) {
  */
 function tied(levels, wrap) {
     const starts = levels.reduce((sums, level) => [...sums, sums[sums.length - 1] + level.strength.length], [0]);
-    /** @type {number[][]} */
-    const [a, b, weight] = [[], [], []];
+    const most = 3 * starts[levels.length]; // two neighbours and a coarser texel each
+    const [a, b, weight] = [new Int32Array(most), new Int32Array(most), new Float64Array(most)];
+    let ties = 0;
     const vectors = levels.map(({ xy, strength }) => xy.map((each, i) => f(each * f(strength[i >> 1] + LEAST))));
     levels.forEach((level, i) => {
         const own = vectors[i];
@@ -186,9 +187,9 @@ function tied(levels, wrap) {
             /** @type {number} */ to,
             /** @type {number} */ factor,
         ) => {
-            a.push(starts[i] + one);
-            b.push(starts[to] + other);
-            weight.push(factor * f(f(own[2 * one] * v[2 * other]) + f(own[2 * one + 1] * v[2 * other + 1])));
+            a[ties] = starts[i] + one;
+            b[ties] = starts[to] + other;
+            weight[ties++] = factor * f(f(own[2 * one] * v[2 * other]) + f(own[2 * one + 1] * v[2 * other + 1]));
         };
         neighbours(level, wrap, (one, other) => tie(one, own, other, i, 1));
         const under = levels[i + 1];
@@ -198,8 +199,7 @@ function tied(levels, wrap) {
             tie(one, vectors[i + 1], y * under.width + x, i + 1, BETWEEN);
         }
     });
-    const count = starts[starts.length - 1];
-    const sign = agree(count, Int32Array.from(a), Int32Array.from(b), Float64Array.from(weight));
+    const sign = agree(starts[levels.length], a.subarray(0, ties), b.subarray(0, ties), weight.subarray(0, ties));
     return levels.map((_, i) => sign.slice(starts[i], starts[i + 1]));
 }
 
@@ -214,31 +214,34 @@ function tied(levels, wrap) {
 function agree(count, a, b, weight) {
     const group = Int32Array.from({ length: count }, (_, i) => i);
     const sign = new Int8Array(count).fill(1);
+    const [best, to, turned] = [new Int32Array(count), new Int32Array(count), new Int8Array(count)];
     while (a.length) {
-        const best = new Int32Array(count).fill(-1);
+        best.fill(-1);
         for (let edge = 0; edge < a.length; edge++) {
             const size = Math.abs(weight[edge]);
-            for (const node of [a[edge], b[edge]]) {
-                if (best[node] < 0 || size >= Math.abs(weight[best[node]])) best[node] = edge; // of equal ones the last
-            }
+            let node = a[edge];
+            if (best[node] < 0 || size >= Math.abs(weight[best[node]])) best[node] = edge; // of equal ones the last
+            node = b[edge];
+            if (best[node] < 0 || size >= Math.abs(weight[best[node]])) best[node] = edge;
         }
-        let to = Int32Array.from({ length: count }, (_, i) => i);
-        let turned = new Int8Array(count).fill(1);
-        best.forEach((edge, node) => {
-            if (edge < 0) return;
-            to[node] = a[edge] === node ? b[edge] : a[edge];
-            turned[node] = weight[edge] < 0 ? -1 : 1;
-        });
+        for (let node = 0; node < count; node++) {
+            const edge = best[node];
+            to[node] = edge < 0 ? node : a[edge] === node ? b[edge] : a[edge];
+            turned[node] = edge >= 0 && weight[edge] < 0 ? -1 : 1;
+        }
         // The strongest tie of two groups that merge belongs to both: the lower group stays.
-        const stays = to.map((each, node) => Number(to[each] === node && node <= each));
-        stays.forEach((each, node) => {
-            if (each) [to[node], turned[node]] = [node, 1];
-        });
-        for (;;) {
-            const further = to.map((each) => to[each]);
-            if (further.every((each, i) => each === to[i])) break;
-            turned = turned.map((each, i) => each * turned[to[i]]);
-            to = further;
+        for (let node = 0; node < count; node++) {
+            if (to[to[node]] === node && node < to[node]) [to[node], turned[node]] = [node, 1];
+        }
+        for (let changed = true; changed; ) {
+            changed = false;
+            for (let node = 0; node < count; node++) {
+                const further = to[to[node]];
+                if (further === to[node]) continue;
+                turned[node] *= turned[to[node]];
+                to[node] = further;
+                changed = true;
+            }
         }
         for (let i = 0; i < count; i++) {
             sign[i] *= turned[group[i]];
@@ -260,23 +263,29 @@ function agree(count, a, b, weight) {
  * @returns {[Int32Array, Int32Array, Float64Array]}
  */
 function merged(count, a, b, weight, to, turned) {
-    let order = Int32Array.from({ length: a.length }, (_, i) => i).filter((edge) => to[a[edge]] !== to[b[edge]]);
-    const ends = [Math.max, Math.min].map((pick) => a.map((each, edge) => pick(to[each], to[b[edge]])));
+    const ends = [new Int32Array(a.length), new Int32Array(a.length)];
+    let order = new Int32Array(a.length);
+    let apart = 0;
+    for (let edge = 0; edge < a.length; edge++) {
+        const [one, other] = [to[a[edge]], to[b[edge]]];
+        ends[0][edge] = Math.max(one, other);
+        ends[1][edge] = Math.min(one, other);
+        if (one !== other) order[apart++] = edge;
+    }
+    order = order.subarray(0, apart);
     for (const end of ends) order = sorted(order, end, count);
     const [high, low] = ends;
-    /** @type {number[][]} */
-    const [firsts, seconds, sums] = [[], [], []];
+    const [firsts, seconds, sums] = [new Int32Array(apart), new Int32Array(apart), new Float64Array(apart)];
+    let last = -1;
     for (const edge of order) {
-        const last = sums.length - 1;
-        const value = weight[edge] * turned[a[edge]] * turned[b[edge]];
-        if (last >= 0 && firsts[last] === low[edge] && seconds[last] === high[edge]) sums[last] += value;
-        else {
-            firsts.push(low[edge]);
-            seconds.push(high[edge]);
-            sums.push(value);
+        if (last < 0 || firsts[last] !== low[edge] || seconds[last] !== high[edge]) {
+            last++;
+            firsts[last] = low[edge];
+            seconds[last] = high[edge];
         }
+        sums[last] += weight[edge] * turned[a[edge]] * turned[b[edge]];
     }
-    return [Int32Array.from(firsts), Int32Array.from(seconds), Float64Array.from(sums)];
+    return [firsts.subarray(0, last + 1), seconds.subarray(0, last + 1), sums.subarray(0, last + 1)];
 }
 
 /**
