@@ -326,6 +326,8 @@ def test_engines_load_what_the_command_writes(tmp_path: Path, monkeypatch: pytes
         (["in.glb", "out.glb", "--sizes", "3"], "Unknown option '--sizes'"),
         (["bare.glb", "out.glb"], "bare.glb has no material to bake"),
         (["torn.glb", "out.glb"], "cannot be decoded"),
+        (["in.glb", "./in.glb"], "is the input"),
+        (["draco.glb", "out.glb"], "geometry that is compressed (KHR_draco_mesh_compression)"),
     ],
 )
 def test_errors_are_one_sentence_and_nothing_is_written(
@@ -344,6 +346,7 @@ def test_errors_are_one_sentence_and_nothing_is_written(
     torn.texture(torn.image(b"\x89PNG\r\n\x1a\n" + bytes(40), "torn"))
     torn.material("Torn", normalTexture={"index": 0})
     torn.write(Path("torn"))
+    many_materials().write(Path("draco"))
     before = sorted(Path().iterdir())
     said = command(*arguments)
     assert said.returncode == 2 and says in said.stderr

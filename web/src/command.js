@@ -1,7 +1,7 @@
 #!/usr/bin/env node
 // npx mipbake IN.glb OUT.glb
 
-import { access, rename, rm, stat } from 'node:fs/promises';
+import { access, realpath, rename, rm, stat } from 'node:fs/promises';
 import { basename, dirname, join } from 'node:path';
 import { parseArgs } from 'node:util';
 
@@ -24,6 +24,8 @@ formats, and has methods that search.`;
 
 const text = /** @type {const} */ ({ type: 'string' });
 const OPTIONS = { method: text, sampler: text, filter: text, texels: text, help: /** @type {const} */ ({ type: 'boolean' }) };
+
+const COMPRESSED = ['KHR_draco_mesh_compression', 'EXT_meshopt_compression', 'KHR_meshopt_compression'];
 
 /** Whether a line of progress is of use. */
 const shows = process.stderr.isTTY;
@@ -52,14 +54,13 @@ async function main() {
     await access(dirname(to)).catch(() => {
         throw new MipbakeError(`${dirname(to)} is no folder: make it first`);
     });
-    const { io, mipbake } = await gltfTransform();
-    const document = await io.read(from).catch((/** @type {any} */ error) => {
-        throw new MipbakeError(`${from} cannot be read (${oneLine(error)}): check it with the glTF validator`);
-    });
+    const [own, other] = await Promise.all([from, to].map((file) => realpath(file).catch(() => file)));
+    if (own === other) throw new MipbakeError(`${to} is the input: expected another name for the output`);
+    const before = (await stat(from)).size;
+    const { document, io, mipbake } = await opened(from);
     const shown = (/** @type {number} */ share) => progress(`baking: ${Math.round(100 * share)} %`);
     /** @type {string[]} */
     const names = [];
-    document.setLogger(quiet);
     await document.transform(mipbake({ ...values, onProgress: shown, onBaked: (/** @type {string[]} */ own) => names.push(...own) }));
     progress('');
     const total = document.getRoot().listMaterials().length;
@@ -77,9 +78,10 @@ async function main() {
         await rm(beside, { force: true });
         throw new MipbakeError(`${to} cannot be written (${oneLine(error)}): choose another place`);
     }
-    const bytes = await Promise.all([from, to].map(async (file) => (await stat(file)).size));
+    const after = (await stat(to)).size;
     const seconds = ((performance.now() - started) / 1000).toFixed(1);
-    console.log(`${to}: ${names.length} of ${total} materials baked, ${bytes.map(size).join(' in, ')} out, ${seconds} s`);
+    const sizes = `${size(before)} in, ${size(after)} out`;
+    console.log(`${to}: ${names.length} of ${total} materials baked, ${sizes}, ${seconds} s`);
 }
 
 function parsed() {
@@ -90,11 +92,12 @@ function parsed() {
     }
 }
 
-/** Warnings of transforms go to stderr, each in a line of its own. */
+/** Warnings of mipbake go to stderr, each in a line of its own. */
 const quiet = {
     debug() {},
     info() {},
     warn(/** @type {string} */ line) {
+        if (!line.startsWith('mipbake: ')) return; // of extensions that are missing, which are named elsewhere
         progress('');
         console.error(line);
     },
@@ -103,6 +106,34 @@ const quiet = {
     },
 };
 
+/**
+ * A document, and what writes and bakes it.
+ * @param {string} file
+ */
+async function opened(file) {
+    const { NodeIO, ALL_EXTENSIONS, mipbake } = await gltfTransform();
+    const io = new NodeIO().registerExtensions(ALL_EXTENSIONS).setLogger(quiet);
+    const broken = (/** @type {any} */ error) => {
+        throw new MipbakeError(`${file} cannot be read (${oneLine(error)}): check it with the glTF validator`);
+    };
+    const parsed = await io.readAsJSON(file).catch(broken);
+    const { extensionsUsed = [], extensionsRequired = [] } = parsed.json;
+    const compressed = extensionsUsed.find((name) => COMPRESSED.includes(name));
+    if (compressed) {
+        throw new MipbakeError(
+            `${file} has geometry that is compressed (${compressed}): bake it before it is compressed, or with the ` +
+                'Python tool, which leaves it as it is',
+        );
+    }
+    const known = new Set(ALL_EXTENSIONS.map((each) => each.EXTENSION_NAME));
+    const unknown = extensionsUsed.filter((name) => !known.has(name));
+    const needed = unknown.find((name) => extensionsRequired.includes(name));
+    if (needed) throw new MipbakeError(`${file} needs ${needed}, which glTF-Transform does not know: use the Python tool`);
+    if (unknown.length) quiet.warn(`mipbake: ${unknown.join(', ')} is not known to glTF-Transform, and is left out`);
+    const document = (await io.readJSON(parsed).catch(broken)).setLogger(quiet);
+    return { document, io, mipbake };
+}
+
 async function gltfTransform() {
     try {
         const [{ NodeIO }, { ALL_EXTENSIONS }, { mipbake }] = await Promise.all([
@@ -110,7 +141,7 @@ async function gltfTransform() {
             import('@gltf-transform/extensions'),
             import('./gltf_transform.js'),
         ]);
-        return { io: new NodeIO().registerExtensions(ALL_EXTENSIONS), mipbake };
+        return { NodeIO, ALL_EXTENSIONS, mipbake };
     } catch (error) {
         if (/** @type {any} */ (error).code !== 'ERR_MODULE_NOT_FOUND') throw error;
         throw new MipbakeError(
