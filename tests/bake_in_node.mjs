@@ -14,7 +14,12 @@ const maps = {};
 for (const [name, map] of Object.entries(job.maps)) {
     const [height, width, channels] = map.shape;
     const kind = KINDS[/** @type {keyof typeof KINDS} */ (map.dtype)];
-    maps[name] = { data: new kind(new Uint8Array(await readFile(join(folder, map.file))).buffer), width, height, channels };
+    maps[name] = {
+        data: new kind(new Uint8Array(await readFile(join(folder, map.file))).buffer),
+        width,
+        height,
+        channels,
+    };
 }
 const stack = await bake(maps, job.options);
 /** @param {string} file @param {any} image */

@@ -23,7 +23,13 @@ Node.js 22.15 and later compress the textures. The Python tool mipbake reads mor
 formats, and has methods that search.`;
 
 const text = /** @type {const} */ ({ type: 'string' });
-const OPTIONS = { method: text, sampler: text, filter: text, texels: text, help: /** @type {const} */ ({ type: 'boolean' }) };
+const OPTIONS = {
+    method: text,
+    sampler: text,
+    filter: text,
+    texels: text,
+    help: /** @type {const} */ ({ type: 'boolean' }),
+};
 
 const COMPRESSED = ['KHR_draco_mesh_compression', 'EXT_meshopt_compression', 'KHR_meshopt_compression'];
 
@@ -43,7 +49,9 @@ async function main() {
     const { values, positionals } = parsed();
     if (values.help) return console.log(HELP);
     if (positionals.length !== 2) {
-        throw new MipbakeError(`expected an input and an output file, got ${positionals.length} names: see mipbake --help`);
+        throw new MipbakeError(
+            `expected an input and an output file, got ${positionals.length} names: see mipbake --help`,
+        );
     }
     const [from, to] = positionals;
     if (!/\.(glb|gltf)$/i.test(from)) throw new MipbakeError(`${from} is no .glb or .gltf file: expected glTF`);
@@ -61,13 +69,15 @@ async function main() {
     const shown = (/** @type {number} */ share) => progress(`baking: ${Math.round(100 * share)} %`);
     /** @type {string[]} */
     const names = [];
-    await document.transform(mipbake({ ...values, onProgress: shown, onBaked: (/** @type {string[]} */ own) => names.push(...own) }));
+    await document.transform(
+        mipbake({ ...values, onProgress: shown, onBaked: (/** @type {string[]} */ own) => names.push(...own) }),
+    );
     progress('');
     const total = document.getRoot().listMaterials().length;
     if (!names.length) {
         throw new MipbakeError(
-            `${from} has no material to bake, of ${total}: expected one with a normal or a metallicRoughness texture in ` +
-                'PNG, JPEG or WebP',
+            `${from} has no material to bake, of ${total}: expected one with a normal or a metallicRoughness texture ` +
+                'in PNG, JPEG or WebP',
         );
     }
     const beside = join(dirname(to), `.${basename(to)}.${process.pid}.glb`);
@@ -128,7 +138,8 @@ async function opened(file) {
     const known = new Set(ALL_EXTENSIONS.map((each) => each.EXTENSION_NAME));
     const unknown = extensionsUsed.filter((name) => !known.has(name));
     const needed = unknown.find((name) => extensionsRequired.includes(name));
-    if (needed) throw new MipbakeError(`${file} needs ${needed}, which glTF-Transform does not know: use the Python tool`);
+    if (needed)
+        throw new MipbakeError(`${file} needs ${needed}, which glTF-Transform does not know: use the Python tool`);
     if (unknown.length) quiet.warn(`mipbake: ${unknown.join(', ')} is not known to glTF-Transform, and is left out`);
     const document = (await io.readJSON(parsed).catch(broken)).setLogger(quiet);
     return { document, io, mipbake };
@@ -152,7 +163,9 @@ async function gltfTransform() {
 
 /** @param {unknown} error */
 function oneLine(error) {
-    return String(error instanceof Error ? error.message : error).split('\n')[0].replace(/[.:]$/, '');
+    return String(error instanceof Error ? error.message : error)
+        .split('\n')[0]
+        .replace(/[.:]$/, '');
 }
 
 main().catch((error) => {

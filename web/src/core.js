@@ -53,9 +53,11 @@ export const nodeModule = (name) => /** @type {any} */ (globalThis).process?.get
 export async function packaged(name) {
     const url = FILES[name]();
     if (url.protocol === 'file:') {
-        return nodeModule('node:fs/promises').readFile(url).catch((/** @type {any} */ error) => {
-            throw new MipbakeError(`${name} of mipbake cannot be read (${error.code}): install the package again`);
-        });
+        return nodeModule('node:fs/promises')
+            .readFile(url)
+            .catch((/** @type {any} */ error) => {
+                throw new MipbakeError(`${name} of mipbake cannot be read (${error.code}): install the package again`);
+            });
     }
     const answer = await fetch(url).catch(() => undefined);
     if (!answer?.ok) {

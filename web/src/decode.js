@@ -15,7 +15,9 @@ import { MipbakeError } from './errors.js';
  */
 export async function decodedImage(bytes, mimeType, name, encoder) {
     if (!['image/png', 'image/jpeg', 'image/webp'].includes(mimeType)) {
-        throw new MipbakeError(`the texture ${name} is ${mimeType}: expected PNG, JPEG or WebP, before it is compressed`);
+        throw new MipbakeError(
+            `the texture ${name} is ${mimeType}: expected PNG, JPEG or WebP, before it is compressed`,
+        );
     }
     const sharp = encoder ?? (nodeModule('node:fs') ? await installedSharp() : undefined);
     try {
@@ -44,7 +46,9 @@ async function bySharp(sharp, bytes) {
     const image = sharp(bytes, { ignoreIcc: true, limitInputPixels: false });
     const { depth, channels: count } = await image.metadata();
     const deep = depth === 'ushort';
-    const raw = (deep ? image.toColourspace(count < 3 ? 'grey16' : 'rgb16') : image).raw({ depth: deep ? 'ushort' : 'uchar' });
+    const raw = (deep ? image.toColourspace(count < 3 ? 'grey16' : 'rgb16') : image).raw({
+        depth: deep ? 'ushort' : 'uchar',
+    });
     const { data, info } = await raw.toBuffer({ resolveWithObject: true });
     const own = data.buffer.slice(data.byteOffset, data.byteOffset + data.byteLength);
     const { width, height, channels } = info;
@@ -68,7 +72,13 @@ async function byBrowser(bytes, type) {
     gl.pixelStorei(gl.UNPACK_COLORSPACE_CONVERSION_WEBGL, gl.NONE);
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE, image);
     gl.bindFramebuffer(gl.FRAMEBUFFER, gl.createFramebuffer());
-    gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, gl.getParameter(gl.TEXTURE_BINDING_2D), 0);
+    gl.framebufferTexture2D(
+        gl.FRAMEBUFFER,
+        gl.COLOR_ATTACHMENT0,
+        gl.TEXTURE_2D,
+        gl.getParameter(gl.TEXTURE_BINDING_2D),
+        0,
+    );
     const data = new Uint8Array(4 * width * height);
     gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, data);
     const failed = gl.getError();

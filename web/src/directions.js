@@ -23,7 +23,10 @@ const f = Math.fround;
  * @param {Wrap} wrap
  */
 export function agreeing(levels, wrap) {
-    const found = signs(levels.map((level) => linesOf(level, DIRECTION)), wrap);
+    const found = signs(
+        levels.map((level) => linesOf(level, DIRECTION)),
+        wrap,
+    );
     levels.forEach((level, i) => turn(level, DIRECTION, found[i]));
     for (const level of levels) ease(level, wrap);
     return levels;
@@ -133,7 +136,12 @@ function following(fine, coarse, sign, wrap) {
  */
 function halved({ xy, strength, width, height }) {
     const [wide, high] = [Math.max(1, width >> 1), Math.max(1, height >> 1)];
-    const out = { xy: new Float32Array(2 * wide * high), strength: new Float32Array(wide * high), width: wide, height: high };
+    const out = {
+        xy: new Float32Array(2 * wide * high),
+        strength: new Float32Array(wide * high),
+        width: wide,
+        height: high,
+    };
     const [across, down] = [width > 1 ? 2 : 1, height > 1 ? 2 : 1];
     for (let y = 0; y < high; y++) {
         for (let x = 0; x < wide; x++) {
@@ -233,7 +241,7 @@ function agree(count, a, b, weight) {
         for (let node = 0; node < count; node++) {
             if (to[to[node]] === node && node < to[node]) [to[node], turned[node]] = [node, 1];
         }
-        for (let changed = true; changed; ) {
+        for (let changed = true; changed;) {
             changed = false;
             for (let node = 0; node < count; node++) {
                 const further = to[to[node]];

@@ -23,7 +23,10 @@ const f = Math.fround;
  */
 export function materialOf(material) {
     const where = `material ${material.getName() || 'without a name'}`;
-    const left = (/** @type {string} */ why, loud = false) => ({ reason: `${where} ${why}, and is left as it is`, loud });
+    const left = (/** @type {string} */ why, loud = false) => ({
+        reason: `${where} ${why}, and is left as it is`,
+        loud,
+    });
     if (UNFIT.some((name) => material.getExtension(name))) return left('is unlit or in specular and glossiness');
     const normal = material.getNormalTexture();
     const packed = material.getMetallicRoughnessTexture();
@@ -84,7 +87,10 @@ export class Part {
         return /** @type {Texture[]} */ (found.filter(Boolean));
     }
 
-    /** Addressing along u and v; a mirrored texture is nearest to "clamp". @returns {['wrap' | 'clamp', 'wrap' | 'clamp']} */
+    /**
+     * Addressing along u and v; a mirrored texture is nearest to "clamp".
+     * @returns {import('./pixel_filter.js').Wrap}
+     */
     get wrap() {
         const mode = (/** @type {number} */ each) => (each === REPEAT ? 'wrap' : 'clamp');
         return [mode(this.main.getWrapS()), mode(this.main.getWrapT())];
@@ -120,7 +126,11 @@ export class Part {
         if (this.normal) maps.normal = scaledNormals(await decode(this.normal), material.getNormalScale());
         if (this.anisotropy) {
             const drawn = this.directions ? await decode(this.directions) : null;
-            maps.anisotropy = turned(drawn, this.anisotropy.getAnisotropyStrength(), this.anisotropy.getAnisotropyRotation());
+            maps.anisotropy = turned(
+                drawn,
+                this.anisotropy.getAnisotropyStrength(),
+                this.anisotropy.getAnisotropyRotation(),
+            );
         }
         return maps;
     }
@@ -263,7 +273,7 @@ function turned(map, strength, rotation) {
  */
 function withoutAlpha({ data, width, height, channels }) {
     const kept = channels - 1;
-    const out = new (/** @type {any} */ (data.constructor))(width * height * kept);
+    const out = new /** @type {any} */ (data.constructor)(width * height * kept);
     for (let i = 0; i < width * height; i++) {
         for (let c = 0; c < kept; c++) out[i * kept + c] = data[i * channels + c];
     }

@@ -59,7 +59,8 @@ export function mipbake(options = {}) {
         for (const { parts, textures } of made) show(document, parts, textures, before);
         onBaked?.(made.flatMap(({ parts }) => parts.map((part) => part.material.getName())));
         for (const texture of before) {
-            if (texture.listParents().every((/** @type {any} */ each) => each.propertyType === 'Root')) texture.dispose();
+            if (texture.listParents().every((/** @type {any} */ each) => each.propertyType === 'Root'))
+                texture.dispose();
         }
     });
 }
@@ -95,7 +96,10 @@ function fileOf(texture) {
  */
 async function baked(parts, image, taken, texels, progress) {
     const [first] = parts;
-    const maps = await first.maps(image, parts.some((part) => part.occluded));
+    const maps = await first.maps(
+        image,
+        parts.some((part) => part.occluded),
+    );
     const onProgress = (/** @type {number} */ share) => progress(0.8 * share);
     const { wrap, cutoff: alphaCutoff } = first;
     const stack = await bake(maps, { ...taken, wrap, alphaCutoff, multipleOf: 4, onProgress });

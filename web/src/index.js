@@ -145,7 +145,7 @@ function hidden({ plain, width, height }) {
     if (!opacity || opacity.data.every((each) => each >= 1)) return undefined;
     if (opacity.width === width && opacity.height === height) return opacity.data;
     throw new MipbakeError(
-        `opacity is ${opacity.width} x ${opacity.height} and the maps that shade are ${width} x ${height}: expected one size`,
+        `opacity is ${opacity.width} x ${opacity.height} and the other maps are ${width} x ${height}: expected one size`,
     );
 }
 
@@ -164,13 +164,18 @@ function sideBySide({ shading, width, height }, opacity, wrap) {
     let start = 0;
     for (const image of images) {
         for (let i = 0; i < width * height; i++) {
-            for (let c = 0; c < image.channels; c++) data[i * channels + start + c] = image.data[i * image.channels + c];
+            for (let c = 0; c < image.channels; c++)
+                data[i * channels + start + c] = image.data[i * image.channels + c];
         }
         start += image.channels;
     }
     const whole = { data, width, height, channels };
     if (!opacity) return whole;
-    const out = filled(whole, opacity.map((each) => Number(each > 0)), wrap);
+    const out = filled(
+        whole,
+        opacity.map((each) => Number(each > 0)),
+        wrap,
+    );
     regularise(out);
     return out;
 }

@@ -103,13 +103,15 @@ function descriptorOf({ colourModel, vkFormat, side, bytes, samples }, srgb) {
 
 /** @param {Record<string, string>} values */
 function pairsOf(values) {
-    const entries = Object.keys(values).sort().map((key) => {
-        const text = new TextEncoder().encode(`${key}\0${values[key]}\0`);
-        const entry = new Uint8Array(4 + Math.ceil(text.length / 4) * 4);
-        new DataView(entry.buffer).setUint32(0, text.length, true);
-        entry.set(text, 4);
-        return entry;
-    });
+    const entries = Object.keys(values)
+        .sort()
+        .map((key) => {
+            const text = new TextEncoder().encode(`${key}\0${values[key]}\0`);
+            const entry = new Uint8Array(4 + Math.ceil(text.length / 4) * 4);
+            new DataView(entry.buffer).setUint32(0, text.length, true);
+            entry.set(text, 4);
+            return entry;
+        });
     const out = new Uint8Array(entries.reduce((sum, entry) => sum + entry.length, 0));
     let at = 0;
     for (const entry of entries) {

@@ -280,7 +280,8 @@ export function readMaps(maps, wrap, convention, multiple) {
         for (const role of new Set(pieces.map((piece) => piece.role))) {
             if (found[role]) throw new MipbakeError(`${role} is given twice: expected it alone or within ${name}`);
             let places = pieces.flatMap((piece, place) => (piece.role === role ? [place] : []));
-            if (name === 'baseColor') places = role === 'opacity' ? [map.channels - 1] : map.channels < 3 ? [0] : [0, 1, 2];
+            if (name === 'baseColor')
+                places = role === 'opacity' ? [map.channels - 1] : map.channels < 3 ? [0] : [0, 1, 2];
             found[role] = decoded(name, map, role, places, down);
         }
         layouts.push({ name, pieces, top: topOf(map.data), down: down && name === 'normal' });
@@ -325,7 +326,9 @@ function constantOf(name, values) {
  */
 function sameSize(found, wrap, multiple) {
     const roles = ['baseColor', 'metallic', 'roughness', 'normal', 'anisotropy'].filter((role) => found[role]);
-    const largest = roles.map((role) => found[role]).reduce((a, b) => (b.width * b.height > a.width * a.height ? b : a));
+    const largest = roles
+        .map((role) => found[role])
+        .reduce((a, b) => (b.width * b.height > a.width * a.height ? b : a));
     const [width, height] = [largest.width, largest.height].map((side) => Math.ceil(side / multiple) * multiple);
     /** @type {Record<string, Image>} */
     const shading = {};
@@ -334,7 +337,9 @@ function sameSize(found, wrap, multiple) {
         const [most, high] = [largest.width, largest.height];
         const apart = Math.abs(w * high - h * most) > Math.max(high, most);
         if ((w > 1 || h > 1) && (h > high || w > most || apart)) {
-            throw new MipbakeError(`${role} is ${w} x ${h} and the largest map is ${most} x ${high}: expected one shape`);
+            throw new MipbakeError(
+                `${role} is ${w} x ${h} and the largest map is ${most} x ${high}: expected one shape`,
+            );
         }
         shading[role] = resized(found[role], width, height, wrap, role);
     }

@@ -138,7 +138,12 @@ class Network {
                 [at + 24, 'int', each.taps],
             ]);
         const list = (/** @type {Layer[]} */ all) =>
-            kept(core.structure(32 * all.length, all.flatMap((each, i) => fieldsOf(each, 32 * i))));
+            kept(
+                core.structure(
+                    32 * all.length,
+                    all.flatMap((each, i) => fieldsOf(each, 32 * i)),
+                ),
+            );
         const most = this.made.mostRoughness;
         const limits = [LEAST_ROUGHNESS, most, Math.log(LEAST_ROUGHNESS), Math.log(most)];
         const args = kept(
@@ -239,7 +244,10 @@ export async function networkLevels(core, network, stored, lookup, wrap, progres
         if (!axes.has(key)) {
             const { places, sharp, plain, count: n, taps } = make();
             const values = [core.put(places), core.put(sharp), core.put(plain), n, taps];
-            axes.set(key, values.map((value, i) => [4 * i, 'int', value]));
+            axes.set(
+                key,
+                values.map((value, i) => [4 * i, 'int', value]),
+            );
         }
         return /** @type {[number, 'int', number][]} */ (axes.get(key));
     };
@@ -292,7 +300,7 @@ export async function networkLevels(core, network, stored, lookup, wrap, progres
         [52, 'int', count],
     ]);
     const bake = core.call('bake_begin', packed, args);
-    for (let done = 0; done < height; ) {
+    for (let done = 0; done < height;) {
         done = core.call('bake_advance', bake);
         await progress(done / height);
     }

@@ -24,10 +24,12 @@ export function filled(image, weights, wrap) {
         if (Math.max(last.image.width, last.image.height) === 1) break;
         last = pulled(last.image, last.weights);
     }
-    return levels.reduceRight(
-        (coarse, { image: finer, weights: share }) => (coarse ? pushed(coarse, finer, share, wrap) : finer),
-        /** @type {Image | undefined} */ (undefined),
-    ) ?? image;
+    return (
+        levels.reduceRight(
+            (coarse, { image: finer, weights: share }) => (coarse ? pushed(coarse, finer, share, wrap) : finer),
+            /** @type {Image | undefined} */ (undefined),
+        ) ?? image
+    );
 }
 
 /**

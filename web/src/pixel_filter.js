@@ -4,7 +4,8 @@ import { MipbakeError } from './errors.js';
 
 /** @typedef {{index: Int32Array, weights: Float32Array, count: number, taps: number}} Taps
  * What the texels of an axis are summed from: (count, taps) indices in range, and weights. */
-/** @typedef {[import('../index.d.ts').Wrap, import('../index.d.ts').Wrap]} Wrap Addressing along u and along v, each "wrap" or "clamp". */
+/** @typedef {[import('../index.d.ts').Wrap, import('../index.d.ts').Wrap]} Wrap
+ * Addressing along u and along v, each "wrap" or "clamp". */
 /** @typedef {{data: Float32Array, width: number, height: number, channels: number}} Image */
 
 const STEPS = 8192; // across the support of a filter
@@ -146,7 +147,10 @@ function resampled(core, image, rows, columns) {
         [16, 'int64', image.width],
         [24, 'int64', channels],
     ];
-    for (const [place, axis] of /** @type {[number, Taps][]} */ ([[32, rows], [56, columns]])) {
+    for (const [place, axis] of /** @type {[number, Taps][]} */ ([
+        [32, rows],
+        [56, columns],
+    ])) {
         const wide = new Int32Array(2 * axis.index.length); // int64_t, which are never negative
         axis.index.forEach((value, i) => (wide[2 * i] = value));
         const index = core.put(wide);

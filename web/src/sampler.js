@@ -29,7 +29,10 @@ export function samplerOf(given) {
 function named(name) {
     /** @type {Record<string, number>} */
     const found = {};
-    for (const part of name.trim().toLowerCase().split(/\s*,\s*/)) {
+    for (const part of name
+        .trim()
+        .toLowerCase()
+        .split(/\s*,\s*/)) {
         const match = /^(?:trilinear|(anisotropic)(?: (\d+)x)?|(accumulated)|bias (-?\d*\.?\d+))$/.exec(part);
         if (!match) return undefined;
         if (match[1]) found.lookups = Number(match[2] ?? 16);

@@ -65,15 +65,25 @@ test('green may point down, and stays so', async () => {
 test('progress runs from 0 to 1', async () => {
     /** @type {number[]} */
     const shares = [];
-    await bake({ roughness: map(64, 1, (x) => x) }, { onProgress: (/** @type {number} */ share) => shares.push(share) });
+    await bake(
+        { roughness: map(64, 1, (x) => x) },
+        { onProgress: (/** @type {number} */ share) => shares.push(share) },
+    );
     assert.equal(shares[0], 0);
     assert.equal(shares[shares.length - 1], 1);
-    assert.deepEqual(shares, [...shares].sort((a, b) => a - b));
+    assert.deepEqual(
+        shares,
+        [...shares].sort((a, b) => a - b),
+    );
 });
 
 test('weights of every filter sum to 1', () => {
     for (const filter of FILTERS) {
-        for (const [from, to] of [[64, 64], [61, 30], [7, 1]]) {
+        for (const [from, to] of [
+            [64, 64],
+            [61, 30],
+            [7, 1],
+        ]) {
             const { weights, taps, index } = resampleWeights(from, to, filter, 'wrap');
             for (let i = 0; i < to; i++) {
                 const sum = weights.subarray(i * taps, (i + 1) * taps).reduce((total, each) => total + each, 0);
@@ -99,16 +109,44 @@ const WRONG = [
     ['no roughness', { normal: bumpy }, {}, /there is no roughness/],
     ['an unknown map', { rougness: rough }, {}, /unknown map "rougness": expected baseColor, normal/],
     ['a map twice', { roughness: rough, orm: map(8, 3, () => 9) }, {}, /roughness is given twice/],
-    ['other shapes', { roughness: rough, normal: map(4, 3, () => 200), metallic: { data: new Uint8Array(8), width: 8, height: 1 } }, {}, /metallic is 8 x 1 and the largest map is 8 x 8/],
-    ['too few numbers', { roughness: { data: new Uint8Array(60), width: 8, height: 8, channels: 1 } }, {}, /holds 60 numbers for 8 x 8/],
+    [
+        'other shapes',
+        { roughness: rough, normal: map(4, 3, () => 200), metallic: { data: new Uint8Array(8), width: 8, height: 1 } },
+        {},
+        /metallic is 8 x 1 and the largest map is 8 x 8/,
+    ],
+    [
+        'too few numbers',
+        { roughness: { data: new Uint8Array(60), width: 8, height: 8, channels: 1 } },
+        {},
+        /holds 60 numbers for 8 x 8/,
+    ],
     ['no numbers', { roughness: { data: [1, 2], width: 1, height: 2 } }, {}, /no data of a known kind/],
     ['no size', { roughness: { data: new Uint8Array(4), width: 2 } }, {}, /roughness is 2 x undefined/],
     ['NaN', { roughness: { data: new Float32Array([NaN]), width: 1, height: 1 } }, {}, /NaN or infinite/],
     ['out of range', { roughness: { data: new Float32Array([3]), width: 1, height: 1 } }, {}, /roughness holds 3/],
-    ['a colour map as normals', { roughness: rough, normal: map(8, 3, () => 90) }, {}, /does not look like a normal map/],
-    ['encoded normals as numbers', { roughness: rough, normal: { data: new Float32Array(192).map((_, i) => [0.5, 0.5, 1][i % 3]), width: 8, height: 8 } }, {}, /encoded in 0 to 1/],
+    [
+        'a colour map as normals',
+        { roughness: rough, normal: map(8, 3, () => 90) },
+        {},
+        /does not look like a normal map/,
+    ],
+    [
+        'encoded normals as numbers',
+        {
+            roughness: rough,
+            normal: { data: new Float32Array(192).map((_, i) => [0.5, 0.5, 1][i % 3]), width: 8, height: 8 },
+        },
+        {},
+        /encoded in 0 to 1/,
+    ],
     ['an unknown option', { roughness: rough }, { fitler: 'box' }, /unknown option "fitler": expected method/],
-    ['an unknown method', { roughness: rough }, { method: 'auto' }, /unknown method "auto": expected neural, linear, lean/],
+    [
+        'an unknown method',
+        { roughness: rough },
+        { method: 'auto' },
+        /unknown method "auto": expected neural, linear, lean/,
+    ],
     ['an unknown filter', { roughness: rough }, { filter: 'cubic' }, /unknown filter "cubic": expected gaussian/],
     ['an unknown wrap', { roughness: rough }, { wrap: 'mirror' }, /unknown wrap "mirror": expected wrap, clamp/],
     ['a cutoff of 0', { roughness: rough }, { alphaCutoff: 0 }, /alphaCutoff is 0/],
@@ -137,7 +175,10 @@ test('a map of a stack becomes a KTX2 file', async () => {
         const file = await ktx2(stack, 'normal', { texels });
         const view = new DataView(file.buffer);
         assert.deepEqual([...file.subarray(1, 4)], [...new TextEncoder().encode('KTX')]);
-        assert.deepEqual([20, 24, 40].map((at) => view.getUint32(at, true)), [8, 8, 4]);
+        assert.deepEqual(
+            [20, 24, 40].map((at) => view.getUint32(at, true)),
+            [8, 8, 4],
+        );
     }
     await assert.rejects(ktx2(stack, 'gloss'), /the stack has no map gloss: expected normal, roughness/);
 });
