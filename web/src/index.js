@@ -145,7 +145,7 @@ function hidden({ plain, width, height }) {
     if (!opacity || opacity.data.every((each) => each >= 1)) return undefined;
     if (opacity.width === width && opacity.height === height) return opacity.data;
     throw new MipbakeError(
-        `opacity is ${opacity.width} x ${opacity.height} and the other maps are ${width} x ${height}: expected one size`,
+        `opacity is ${opacity.width} x ${opacity.height}, the other maps are ${width} x ${height}: expected one size`,
     );
 }
 
