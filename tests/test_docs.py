@@ -39,7 +39,7 @@ def test_pages_install_what_was_tested() -> None:
 
 PAGES = sorted(
     path.relative_to(ROOT).as_posix()
-    for folder in ("", "docs", "examples", "benchmarks", "models", "training", "cli", "mipbake", "csrc", "tests")
+    for folder in ("", "docs", "examples", "benchmarks", "models", "training", "cli", "mipbake", "csrc", "tests", "web")
     for path in (ROOT.glob("*.md") if not folder else (ROOT / folder).rglob("*.md"))
     if "node_modules" not in path.parts
 )
@@ -58,7 +58,19 @@ def prose(text: str) -> list[tuple[int, str]]:
 
 CODE = sorted(
     path.relative_to(ROOT).as_posix()
-    for folder in ("mipbake", "models", "training", "cli", "csrc", "benchmarks", "docs", "examples", "tests", ".ci")
+    for folder in (
+        "mipbake",
+        "models",
+        "training",
+        "cli",
+        "csrc",
+        "benchmarks",
+        "docs",
+        "examples",
+        "tests",
+        "web",
+        ".ci",
+    )
     for path in (ROOT / folder).rglob("*.*")
     if path.suffix in {".py", ".h", ".cpp", ".cu"} and "node_modules" not in path.parts
 )
