@@ -3,7 +3,7 @@
 export type Texels = Uint8Array | Uint8ClampedArray | Uint16Array | Float32Array;
 
 /** A map, top row first. An `ImageData` is one, too. Channels are counted where they are not given. */
-export interface Map {
+export interface TextureMap {
     data: Texels;
     width: number;
     height: number;
@@ -20,24 +20,24 @@ export interface LevelMap {
 
 /** The maps of a material; maps that shade have one shape, and smaller ones are enlarged. */
 export interface Maps {
-    /** Red, green and blue, or grey; alpha, where there is one, is opacity. A number or three, linear, stand for a map.
-     * Where it is left out: 0.5. */
-    baseColor?: Map | number | number[];
+    /** Red, green and blue, or grey; alpha is opacity, unless there is a map of that. A number or three, linear, stand
+     * for a map. Where it is left out: 0.5. */
+    baseColor?: TextureMap | number | number[];
     /** Tangent-space normals, of two channels or more. Where it is left out: flat. */
-    normal?: Map;
+    normal?: TextureMap;
     /** Perceptual roughness. It is needed, here or in `orm`. */
-    roughness?: Map | number;
+    roughness?: TextureMap | number;
     /** Where it is left out: 0. */
-    metallic?: Map | number;
+    metallic?: TextureMap | number;
     /** Occlusion, roughness and metallic in red, green and blue, as glTF packs them. */
-    orm?: Map;
+    orm?: TextureMap;
     /** As KHR_materials_anisotropy has it: direction in red and green, strength in blue. */
-    anisotropy?: Map;
+    anisotropy?: TextureMap;
     /** These do not shade: they get plain averages. */
-    occlusion?: Map;
-    emissive?: Map;
-    height?: Map;
-    opacity?: Map;
+    occlusion?: TextureMap;
+    emissive?: TextureMap;
+    height?: TextureMap;
+    opacity?: TextureMap;
 }
 
 /** Whoever looks the stack up: most lookups of a pixel (1, 2, 4, 8 or 16), MIP bias (-4 to 4), frames (1 or 8) that the

@@ -275,7 +275,7 @@ export function readMaps(maps, wrap, convention, multiple) {
         if (name === 'orm' && map.channels < 3) {
             throw new MipbakeError(`orm has ${map.channels} channels: expected occlusion, roughness and metallic`);
         }
-        const alpha = map.channels === 2 || map.channels === 4;
+        const alpha = map.channels % 2 === 0 && !maps.opacity; // an opacity of its own counts, not alpha beside it
         const pieces = MAPS[name].filter(({ role }) => name !== 'baseColor' || role !== 'opacity' || alpha);
         for (const role of new Set(pieces.map((piece) => piece.role))) {
             if (found[role]) throw new MipbakeError(`${role} is given twice: expected it alone or within ${name}`);

@@ -49,6 +49,14 @@ test('canvases, numbers and floating-point maps are taken', async () => {
     assert.ok(Math.abs(levels[3].metallic.data[0] - 0.25) < 1e-6);
 });
 
+test('a map of opacity counts in place of the alpha of a canvas', async () => {
+    const canvas = { data: new Uint8ClampedArray(4 * 64).fill(255), width: 8, height: 8 };
+    const opacity = map(8, 1, (x) => (x < 4 ? 255 : 0));
+    const { levels } = await bake({ baseColor: canvas, roughness: rough, opacity });
+    assert.equal(levels[0].baseColor.channels, 3);
+    assert.deepEqual([levels[0].opacity.data[0], levels[3].opacity.data[0]], [255, 128]);
+});
+
 test('green may point down, and stays so', async () => {
     const down = { ...bumpy, data: bumpy.data.map((value, i) => (i % 3 === 1 ? 255 - value : value)) };
     const up = await bake({ normal: bumpy, roughness: rough });
