@@ -12,7 +12,8 @@ const f = Math.fround;
 const MIN_NORMAL_Z = f(0.02); // slopes reach 50
 const AVERAGED = 9; // base colour 3, metallic, slopes 2, moments 3
 
-/** @typedef {(core: Core, stored: Image, source: string, target: string, filter: string, wrap: Wrap) => Image[]} Rule */
+/** @typedef {(core: Core, stored: Image, source: string, target: string, filter: string, wrap: Wrap) => Image[]} Rule
+ * A method that is a rule of averages. */
 
 /** @type {Record<string, Rule>} */
 export const CLOSED_FORMS = { linear, lean };
