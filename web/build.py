@@ -17,20 +17,26 @@ ROOT = WEB.parent
 WEIGHTS = ("mipbake-3", "mipbake-3-anisotropic", "mipbake-3-ggx")
 
 
-def main() -> None:
-    """Configures, compiles and copies."""
+def compiled(which: str, build: Path) -> Path:
+    """The module of WebAssembly that csrc/wasm/<which>.cpp makes; `build` keeps what was compiled."""
     import ziglang
 
-    build, dist = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "build" / "web", WEB / "dist"
     zig = Path(ziglang.__file__).parent / "zig"
     subprocess.run(
         ["cmake", "-S", ROOT, "-B", build, "-G", "Ninja", "-DCMAKE_BUILD_TYPE=Release", "-Wno-dev",
-         f"-DCMAKE_TOOLCHAIN_FILE={WEB / 'toolchain.cmake'}", f"-DMIPBAKE_ZIG={zig}"],
+         f"-DCMAKE_TOOLCHAIN_FILE={WEB / 'toolchain.cmake'}", f"-DMIPBAKE_ZIG={zig}", f"-DMIPBAKE_WASM={which}"],
         check=True,
     )  # fmt: skip
     subprocess.run(["cmake", "--build", build], check=True)
+    return build / "mipbake_wasm"
+
+
+def main() -> None:
+    """Compiles and copies."""
+    dist = WEB / "dist"
+    module = compiled("bakes", Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "build" / "web")
     dist.mkdir(exist_ok=True)
-    shutil.copy(build / "mipbake_bakes", dist / "bakes.wasm")
+    shutil.copy(module, dist / "bakes.wasm")
     for name in WEIGHTS:
         for suffix in (".json", ".safetensors"):
             shutil.copy(ROOT / "models" / "weights" / f"{name}{suffix}", dist)
