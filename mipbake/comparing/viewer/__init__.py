@@ -25,7 +25,7 @@ from mipbake.material.pixel_filter import filter_named
 from mipbake.source.layout import LAYOUTS, to_file
 from mipbake.stack.stack import MipStack
 
-__all__ = ["LIGHTS", "TRUTH", "texel_bytes", "viewer_fragment"]
+__all__ = ["LIGHTS", "TRUTH", "scene", "texel_bytes", "viewer_fragment", "viewer_module", "viewer_style"]
 
 TRUTH = "truth"
 """What the view calls the reference."""
@@ -102,28 +102,45 @@ def viewer_fragment(stacks: Mapping[str, MipStack], source: FilteredSource | Non
     Raises:
         UsageError: no stack, or a source with an unknown filter or model.
     """
-    scene = json.dumps(_scene(stacks, source, half), separators=(",", ":"))
-    scene = scene.replace("</", "<\\/")  # would end the script element
-    surfaces = json.dumps({name: model.view.surface for name, model in MODELS.items()})  # of shaders.js, in GLSL
-    script = "\n".join([f"const SURFACE_OF_MODEL = {surfaces};", *(_text(name) for name in _SCRIPTS)])
+    shown = json.dumps(scene(stacks, source, half), separators=(",", ":"))
+    shown = shown.replace("</", "<\\/")  # would end the script element
     return (
-        f"<style>\n{_text('viewer.css')}</style>\n"
+        f"<style>\n{viewer_style()}</style>\n"
         '<div class="mipbake-viewer"><noscript>The interactive view needs JavaScript.</noscript>\n'
-        f'<script type="application/json">{scene}</script></div>\n'
-        f"<script>\n(() => {{\n'use strict';\n{script}}})();\n</script>"
+        f'<script type="application/json">{shown}</script></div>\n'
+        f"<script>\n(() => {{\n'use strict';\n{_script()}}})();\n</script>"
     )
+
+
+def viewer_module() -> str:
+    """The viewer as a module of JavaScript, for pages that make scenes while they run.
+
+    It exports `Viewer`, which takes an element and a scene as `scene` makes it, or one whose texels are arrays already;
+    `SETTING`, the lights and the filter of a scene; and what pictures without a viewer need.
+    """
+    setting = json.dumps(_setting("gaussian"), separators=(",", ":"))
+    return f"{_script()}export const SETTING = {setting};\nexport {{ AWAY, Viewer, posed }};\n"
+
+
+def viewer_style() -> str:
+    """The style sheet of the view."""
+    return _text("viewer.css")
+
+
+def _script() -> str:
+    surfaces = json.dumps({name: model.view.surface for name, model in MODELS.items()})  # of shaders.js, in GLSL
+    return "\n".join([f"const SURFACE_OF_MODEL = {surfaces};", *(_text(name) for name in _SCRIPTS)])
 
 
 def _text(name: str) -> str:
     return files(__name__).joinpath(name).read_text(encoding="utf-8")
 
 
-def _scene(stacks: Mapping[str, MipStack], source: FilteredSource | None, half: bool) -> dict[str, Any]:
-    """What the script reads: stacks, source, filter table and lights."""
+def scene(stacks: Mapping[str, MipStack], source: FilteredSource | None = None, half: bool = False) -> dict[str, Any]:
+    """What the script reads, in types that JSON has: stacks, source, filter table and lights. Arguments and errors are
+    those of `viewer_fragment`."""
     if not stacks:
         raise UsageError("the viewer was given no stack: expected at least one")
-    kernel = filter_named(source.pixel_filter if source else "box")  # without a source nothing looks at it
-    offsets, weights = kernel.offsets((np.arange(_FILTER_BINS) + 0.5) / _FILTER_BINS)
     shown = [(TRUTH, source.model, [source.stored], source.wrap)] if source else []
     shown += [(name, stack.model, stack.levels, stack.wrap) for name, stack in stacks.items()]
     described: list[dict[str, Any]] = []
@@ -146,6 +163,14 @@ def _scene(stacks: Mapping[str, MipStack], source: FilteredSource | None, half: 
         "images": described,
         "source": source is not None,
         "texels": packed(texels),
+        **_setting(source.pixel_filter if source else "box"),  # without a source nothing looks at the filter
+    }
+
+
+def _setting(pixel_filter: str) -> dict[str, Any]:
+    """Filter table and lights."""
+    offsets, weights = filter_named(pixel_filter).offsets((np.arange(_FILTER_BINS) + 0.5) / _FILTER_BINS)
+    return {
         "filter": {"offsets": np.round(offsets, 6).tolist(), "weights": np.round(weights, 6).tolist()},
         "lights": [
             {

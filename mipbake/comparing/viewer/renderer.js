@@ -105,9 +105,10 @@ class Renderer {
         gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_T, gl.CLAMP_TO_EDGE);
     }
 
-    // Every level is uploaded as it was baked: none is made here.
+    // Every level is uploaded as it was baked: none is made here. A page on disk holds packed texels, others the arrays.
     async load() {
-        const gl = this.gl, { images, texels } = this.scene, loaded = await unpacked(texels, images);
+        const gl = this.gl, { images, texels } = this.scene;
+        const loaded = Array.isArray(texels) ? texels : await unpacked(texels, images);
         this.scene.texels = null;
         images.forEach((stack, number) => {
             this.stacks.set(stack, stack.srgb.map((srgb, index) => {
