@@ -17,6 +17,7 @@ SHOWS_ALL = "help-all"
 SUMMARIES: Mapping[str, str] = {
     "bake": "Bake texture sets into MIP stacks.",
     "preview": "See a texture set in the browser, baked and not, beside the truth.",
+    "gui": "Open a page to drop materials on, which bakes them and shows them beside the truth.",
     "compare": "Compare methods on texture sets, and write a report for the browser.",
     "fit": "Fit stacks in a renderer of your own, which need not be differentiable.",
     "validate": "Measure stacks against their sources: SNR in dB, higher is better.",

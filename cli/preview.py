@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import sys
 import tempfile
 import webbrowser
 from dataclasses import dataclass, replace
@@ -19,6 +17,7 @@ from mipbake.base.options import one_of, option, same
 from mipbake.cli import options
 from mipbake.cli.session import Session, plain, timings
 from mipbake.cli.sources import Sources, over_sets
+from mipbake.cli.streams import has_screen
 from mipbake.comparing.comparison import preview as baked_now
 from mipbake.comparing.page import check_report, write_report
 from mipbake.source.jobs import Job
@@ -75,13 +74,8 @@ def preview(
             found = replace(found, source=plain(job.named(texture_set.found)))
             page, *_ = write_report(found, texture_set.filtered(found.pixel_filter), folder, progress)
         session.print(f"wrote {page}", f"for a verdict, which takes minutes: mipbake compare {job.source} -o report")
-        if flags.open and _has_screen():
+        if flags.open and has_screen():
             webbrowser.open(page.absolute().as_uri())
         return {"page": page}
 
     session.results(over_sets(session, sources, load, show))
-
-
-def _has_screen() -> bool:
-    """Whether a browser would open in a window, and not in this terminal."""
-    return sys.platform in ("win32", "darwin") or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER")))

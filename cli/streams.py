@@ -1,4 +1,5 @@
-"""Standard streams that a run does not fail on: what they do not take is lost, and the first reason is remembered."""
+"""Standard streams that a run does not fail on: what they do not take is lost, and the first reason is remembered; and
+whether there is a screen beside them."""
 
 from __future__ import annotations
 
@@ -38,6 +39,11 @@ def lost(stream: TextIO) -> OSError | None:
     raw = getattr(getattr(stream, "buffer", None), "raw", None)
     error = raw.lost if isinstance(raw, _Patient) else None
     return None if error is None or error.errno == errno.EPIPE else error
+
+
+def has_screen() -> bool:
+    """Whether a browser would open in a window, and not in this terminal."""
+    return sys.platform in ("win32", "darwin") or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER")))
 
 
 def _patient(stream: TextIO | None) -> TextIO:

@@ -75,7 +75,7 @@ def test_unknown_names_exit_2_and_list_the_valid_ones(folder, tmp_path, capsys, 
 @pytest.mark.parametrize(
     ("arguments", "part"),
     [
-        (["polish"], "expected one of bake, preview, compare, fit, validate, convert, inspect"),
+        (["polish"], "expected one of bake, preview, gui, compare, fit, validate, convert, inspect"),
         (["bake"], "SOURCE"),
         (["bake", "x"], "--out"),
         (["bake", "x", "-o", "y", "--nonsense"], "--nonsense"),

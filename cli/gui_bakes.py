@@ -1,0 +1,220 @@
+"""What the page of `mipbake gui` works on: files that it was given, the sets in them, and what was baked last."""
+
+from __future__ import annotations
+
+import shutil
+import zipfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+from typing import Any, BinaryIO
+
+from mipbake.baking import BakedDocument, BakedSet, BakeOptions, Listener
+from mipbake.baking.bake import bake
+from mipbake.baking.results import NotBaked
+from mipbake.baking.sets import Run
+from mipbake.baking.sources import bake_jobs
+from mipbake.base import disk
+from mipbake.base.errors import InputError, OutputError
+from mipbake.base.timings import Timings
+from mipbake.comparing.viewer import scene
+from mipbake.library.listing import found_library
+from mipbake.material.pixel_filter import filter_named
+from mipbake.source.jobs import Failure, Job
+from mipbake.source.options import LoadOptions
+from mipbake.source.texture_set import TextureSet
+from mipbake.stack.stack import MipStack
+
+MOST_BYTES = 4 << 30
+"""Of all files that a page sends; what is larger is baked by the command line, from where it lies."""
+
+_CHUNK = 1 << 20
+
+Tell = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a bake made: the file that is downloaded, how many files of how many bytes are in it, and what is shown."""
+
+    file: Path
+    about: str
+    shown: Mapping[str, Any]
+
+
+@dataclass
+class Bench:
+    """The files, the sets and the result. All but `add` is for one thread.
+
+    Args:
+        folder: a temporary one. given: what the command line named, which stays as it is; None for nothing.
+    """
+
+    folder: Path
+    given: Path | None = None
+    result: Result | None = None
+    _own: bool = False  # whether the page has sent files
+    _received: int = 0
+    _found: list[Job] = field(default_factory=list)
+
+    @property
+    def _uploads(self) -> Path:
+        return self.folder / "uploads"
+
+    def clear(self) -> None:
+        """Forgets what the page sent, and what was baked of it."""
+        self._own, self._received, self.result, self._found = True, 0, None, []
+        for each in self.folder.iterdir():
+            shutil.rmtree(each, ignore_errors=True) if each.is_dir() else each.unlink()
+
+    def add(self, name: str, content: BinaryIO, size: int) -> None:
+        """Keeps a file that the page sends.
+
+        Args:
+            name: with its folders, parted by slashes. content: is read to the end of so many bytes.
+
+        Raises:
+            InputError: a name that would lie elsewhere, or too many bytes. OutputError: there is no room.
+        """
+        parts = PurePosixPath(name.replace("\\", "/")).parts
+        if not parts or any(part in ("..", "/") or "\0" in part or ":" in part for part in parts):
+            raise InputError(f"a file is called {name!r}: expected a name, with folders perhaps; rename it")
+        self._received += size
+        if self._received > MOST_BYTES:
+            raise InputError(
+                f"the files are larger than {MOST_BYTES >> 30} GB together: name their folder on the command line, as "
+                "in mipbake gui textures/wood"
+            )
+        place = self._uploads.joinpath(*parts)
+        try:
+            place.parent.mkdir(parents=True, exist_ok=True)
+            with place.open("wb") as file:
+                while size > 0 and (chunk := content.read(min(size, _CHUNK))):
+                    size -= file.write(chunk)
+        except OSError as error:
+            raise OutputError(f"{name} cannot be kept in {self.folder} ({error.strerror}): make room there") from error
+        if size:
+            raise InputError(f"{name} did not arrive whole: drop it again")
+
+    def sets(self) -> list[dict[str, Any]]:
+        """The texture sets by name, each with the images that may fill its roles; none where a document says that.
+
+        Raises:
+            InputError: there is none, or none can be read.
+        """
+        self._found = self._jobs(LoadOptions())
+        return [
+            {
+                "name": job.name,
+                "files": [] if job.document else sorted({f.name for each in job.parts.values() for f in each.files}),
+            }
+            for job in self._found
+        ]
+
+    def _jobs(self, load: LoadOptions) -> list[Job]:
+        """What is to be baked of everything."""
+        source = self._uploads if self._own else self.given
+        if source is None:
+            raise InputError("there are no files: drop the maps of a material")
+        scratch = self.folder / "scratch"
+        shutil.rmtree(scratch, ignore_errors=True)
+        found: list[Job | Failure] = []
+        for index, entry in enumerate(found_library(source, self.folder / "out", lambda _: load).entries):
+            place = scratch / str(index)
+            place.mkdir(parents=True)
+            found += entry.jobs(load, place)
+        jobs = [job for job in found if isinstance(job, Job)]
+        if not jobs:
+            raise next(each.error for each in found if isinstance(each, Failure))
+        return jobs
+
+    def bake(self, index: int, wanted: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
+        """Bakes a set, or the document that it is of, for an engine; returns what the page shows.
+
+        Args:
+            index: of `sets`. wanted: maps (role to file, or None), convention and preset, "" for none of the two.
+            tell: hears phases and finished shares; what it raises ends the bake.
+
+        Raises:
+            MipbakeError: as `mipbake.bake_all`.
+        """
+        if not 0 <= index < len(self._found):
+            raise InputError("that material is not there any more: drop it again")
+        chosen = self._found[index]
+        options = BakeOptions(preset=wanted["preset"] or None, format=None if wanted["preset"] else "png")
+        if chosen.document is not None and not wanted["preset"]:
+            options = BakeOptions()
+        jobs = self._with(chosen, wanted)
+        out = self.folder / "out"
+        shutil.rmtree(out, ignore_errors=True)
+        heard = _Hears(tell)
+        made = bake_jobs(Run(options.plan(), heard, known=True), jobs, out)
+        for each in made:
+            if isinstance(each, NotBaked):
+                raise each.error
+        texture_set, stack = heard.made[chosen.name]
+        plain = bake(texture_set, "linear", stack.model, "box", lambda _, share: tell("comparison", share))
+        source = texture_set.filtered(filter_named(stack.provenance.pixel_filter).name)
+        written = [each for each in made if isinstance(each, (BakedSet, BakedDocument))]
+        self.result = self._packed(chosen.name, written)
+        found = stack.verdict
+        return {
+            "scene": scene({"plain": plain, "mipbake": stack}, source),
+            "verdict": found and {"outcome": found.outcome, "sentence": found.sentence},
+            "notes": list(
+                dict.fromkeys(line for each in written if isinstance(each, BakedSet) for line in each.warnings)
+            ),
+            "file": self.result.file.name,
+            "about": self.result.about,
+        }
+
+    def _with(self, chosen: Job, wanted: Mapping[str, Any]) -> list[Job]:
+        """The job of a set, read as the user wants it; or all of the document that it is of."""
+        if chosen.document is not None:
+            return [job for job in self._found if job.source == chosen.source]
+        load = LoadOptions(maps=wanted["maps"], normal_convention=wanted["convention"] or None)
+        if load == LoadOptions():
+            return [chosen]
+        same = [job for job in self._jobs(load) if (job.source, job.name) == (chosen.source, chosen.name)]
+        if not same:
+            raise InputError(f"{chosen.name} cannot be read with these maps: choose others")
+        return same
+
+    def _packed(self, name: str, written: Sequence[BakedSet | BakedDocument]) -> Result:
+        """What is downloaded: the GLB of a document, or an archive of all files."""
+        documents = [each.out for each in written if isinstance(each, BakedDocument)]
+        if documents:
+            size = documents[0].stat().st_size
+            return Result(documents[0], f"{size / 1e6:.1f} MB", {})
+        files = [file for each in written for file in each.files]
+        place = self.folder / f"{name}.zip"
+        with disk.reading(place), zipfile.ZipFile(place, "w", zipfile.ZIP_STORED) as archive:
+            for file in files:
+                archive.write(file.path, f"{name}/{file.path.name}")
+        count = f"{len(files)} files, " if len(files) > 1 else ""
+        return Result(place, f"{count}{sum(file.bytes for file in files) / 1e6:.1f} MB", {})
+
+
+class _Hears(Listener):
+    """Keeps the sets and their stacks, and tells the page what goes on."""
+
+    def __init__(self, tell: Tell) -> None:
+        self._tell = tell
+        self._sets: dict[str, TextureSet] = {}
+        self.made: dict[str, tuple[TextureSet, MipStack]] = {}
+
+    @contextmanager
+    def timings(self, label: str) -> Iterator[Timings]:
+        """See Listener."""
+        del label
+        yield Timings(self._tell)
+
+    def read(self, job: Job, sets: Sequence[TextureSet]) -> None:
+        """See Listener."""
+        self._sets[job.name] = sets[0]
+
+    def baked(self, job: Job, stack: MipStack, result: BakedSet, timings: Timings) -> None:
+        """See Listener."""
+        del result, timings
+        self.made[job.name] = (self._sets[job.name], stack)
