@@ -1,0 +1,71 @@
+// The materials of a .glb file, as texture sets.
+
+const MAGIC = 0x46546c67, JSON_CHUNK = 0x4e4f534a, BINARY_CHUNK = 0x004e4942;
+
+/** @typedef {{name: string, files: import('./intake.js').Source[], choices: Record<string, import('./names.js').Choice>, factors: Record<string, number>, wrap: [string, string]}} Material */
+
+/**
+ * Materials with a normal or a roughness texture. Textures keep what their factors say: roughness, metallic and the
+ * normal's scale go into the texels, as `mipbake bake` has it, and the colour's factor stays in the material.
+ * @param {Blob} blob @returns {Promise<Material[]>}
+ */
+export async function materialsOf(blob, name) {
+    const bytes = await blob.arrayBuffer(), view = new DataView(bytes);
+    if (bytes.byteLength < 20 || view.getUint32(0, true) !== MAGIC) throw new Error(`${name} is no .glb file: export it again.`);
+    const chunks = {};
+    for (let at = 12; at + 8 <= bytes.byteLength; at += 8 + view.getUint32(at, true)) {
+        chunks[view.getUint32(at + 4, true)] = new Uint8Array(bytes, at + 8, Math.min(view.getUint32(at, true), bytes.byteLength - at - 8));
+    }
+    let document;
+    try {
+        document = JSON.parse(new TextDecoder().decode(chunks[JSON_CHUNK]));
+    } catch {
+        throw new Error(`${name} is broken: export it again.`);
+    }
+    const read = (document.materials ?? []).map((material, index) => materialOf(document, chunks[BINARY_CHUNK], material, index));
+    const found = read.filter((material) => material.choices.normal || material.choices.roughness);
+    if (!found.length) throw new Error(`${name} has no material with a normal or a roughness texture: there is nothing to bake.`);
+    return found;
+}
+
+function materialOf(document, binary, material, index) {
+    const pbr = material.pbrMetallicRoughness ?? {}, anisotropy = material.extensions?.KHR_materials_anisotropy;
+    const files = new Map(), choices = {};
+    const wraps = [];
+    const take = (slot, roles, skipped = '') => {
+        if (!slot || skipped) return;
+        const texture = document.textures?.[slot.index] ?? {};
+        const source = texture.extensions?.EXT_texture_webp?.source ?? texture.extensions?.EXT_texture_avif?.source ?? texture.source;
+        const file = imageOf(document, binary, source);
+        files.set(file.name, file);
+        const sampler = document.samplers?.[texture.sampler] ?? {};
+        wraps.push([sampler.wrapS, sampler.wrapT].map((mode) => (mode === 33071 ? 'clamp' : 'wrap')));
+        for (const [role, channels] of Object.entries(roles)) choices[role] = { file: file.name, channels, inverted: false, convention: 'opengl' };
+    };
+    take(pbr.metallicRoughnessTexture, { roughness: 'G', metallic: 'B' });
+    take(material.normalTexture, { normal: '' });
+    take(pbr.baseColorTexture, { base_color: '' });
+    take(material.occlusionTexture, { occlusion: 'R' });
+    take(material.emissiveTexture, { emissive: '' });
+    take(anisotropy?.anisotropyTexture, { anisotropy: '' });
+    return {
+        name: material.name || `material ${index + 1}`, files: [...files.values()], choices, wrap: wraps[0] ?? ['wrap', 'wrap'],
+        factors: {
+            roughness: pbr.roughnessFactor ?? 1, metallic: pbr.metallicFactor ?? 1, normal: material.normalTexture?.scale ?? 1,
+            anisotropy: anisotropy?.anisotropyStrength ?? 0,
+        },
+    };
+}
+
+function imageOf(document, binary, index) {
+    const image = document.images?.[index];
+    if (!image) throw new Error('A texture of the .glb file is compressed or has no image: use the command line, mipbake bake.');
+    const name = image.name || `image ${index + 1}`;
+    if (image.uri && !image.uri.startsWith('data:')) throw new Error(`The image ${image.uri} is not in the .glb file: export the file with its images inside.`);
+    const blob = async () => {
+        if (image.uri) return (await fetch(image.uri)).blob();
+        const { byteOffset = 0, byteLength } = document.bufferViews[image.bufferView];
+        return new Blob([binary.subarray(byteOffset, byteOffset + byteLength)], { type: image.mimeType });
+    };
+    return { name: `${name} (${index})`, blob };
+}

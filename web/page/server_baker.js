@@ -1,0 +1,68 @@
+// Bakes in `mipbake gui`, the program that served this page: it reads all that mipbake reads, and bakes by `auto`.
+import { adviceOf } from './verdict.js';
+import { nameOf } from './intake.js';
+
+export const privacy = 'Your files go to mipbake on this computer, and nowhere else.';
+export let presets = [];
+
+let stopping = new AbortController();
+
+/** Opens what the command line named. @param {(files: null) => void} take */
+export async function start(take) {
+    const { presets: engines, source } = await (await fetch('api/start')).json();
+    presets = [['', 'PNG files, or a .glb for a .glb'], ...engines];
+    if (source) take(null);
+}
+
+export function stop() {
+    stopping.abort();
+    stopping = new AbortController();
+}
+
+/** Texture sets in files, or in what the command line named. @param {import('./intake.js').Source[] | null} files */
+export async function opened(files) {
+    stop();
+    if (files) {
+        await ask('clear');
+        const alone = `${nameOf('', files)}/`;
+        for (const file of files) {
+            const name = file.name.includes('/') || /\.(zip|glb)$/i.test(file.name) ? file.name : alone + file.name;
+            const answer = await fetch(`api/file?name=${encodeURIComponent(name)}`, { method: 'POST', body: await file.blob(), signal: stopping.signal });
+            done(await answer.json());
+        }
+    }
+    const { sets } = await ask('sets');
+    return sets.map(({ name, files: names }, index) => ({ name, index, files: names.map((each) => ({ name: each })), choices: names.length ? undefined : {} }));
+}
+
+/** @returns {Promise<import('./baker.js').Result>} */
+export async function bake(set, { chosen, convention, preset }, say) {
+    stop();
+    const maps = Object.fromEntries(Object.entries(chosen).map(([role, file]) => [role, file || null]));
+    const made = await ask('bake', { index: set.index, maps, convention, preset }, ({ phase, share }) => say(`Baking: ${WORDS[phase] ?? phase}`, share));
+    const verdict = made.verdict && { sentence: made.verdict.sentence, ...adviceOf(made.verdict.outcome) };
+    return { scene: made.scene, verdict, notes: made.notes, files: async () => ({ name: made.file, url: 'api/result', about: made.about }) };
+}
+
+const WORDS = { prefilter: 'trying methods', 'other maps': 'other maps', encode: 'writing', write: 'writing', check: 'measuring the files', read: 'reading' };
+
+/** What the program answers: lines of JSON, the last of which has the result. */
+async function ask(what, body = {}, tell = () => {}) {
+    const answer = await fetch(`api/${what}`, { method: 'POST', body: JSON.stringify(body), signal: stopping.signal });
+    let rest = '', last = null;
+    const reader = answer.body.pipeThrough(new TextDecoderStream()).getReader();
+    for (let part = await reader.read(); !part.done; part = await reader.read()) {
+        const lines = (rest + part.value).split('\n');
+        rest = lines.pop();
+        for (const line of lines) {
+            last = JSON.parse(line);
+            if ('phase' in last) tell(last);
+        }
+    }
+    return done(last);
+}
+
+function done(message) {
+    if (message?.done) return message.done;
+    throw new Error(message?.error ?? 'mipbake has ended: start it again, and load this page.');
+}
