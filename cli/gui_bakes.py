@@ -7,8 +7,9 @@ import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from io import BufferedIOBase
 from pathlib import Path, PurePosixPath
-from typing import Any, BinaryIO
+from typing import Any
 
 from mipbake.baking import BakedDocument, BakedSet, BakeOptions, Listener
 from mipbake.baking.bake import bake
@@ -24,6 +25,7 @@ from mipbake.material.pixel_filter import filter_named
 from mipbake.source.jobs import Failure, Job
 from mipbake.source.options import LoadOptions
 from mipbake.source.texture_set import TextureSet
+from mipbake.stack.presets import Preset
 from mipbake.stack.stack import MipStack
 
 MOST_BYTES = 4 << 30
@@ -36,11 +38,10 @@ Tell = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class Result:
-    """What a bake made: the file that is downloaded, how many files of how many bytes are in it, and what is shown."""
+    """What a bake made: the file that is downloaded, how many files of how many bytes are in it."""
 
     file: Path
     about: str
-    shown: Mapping[str, Any]
 
 
 @dataclass
@@ -68,7 +69,7 @@ class Bench:
         for each in self.folder.iterdir():
             shutil.rmtree(each, ignore_errors=True) if each.is_dir() else each.unlink()
 
-    def add(self, name: str, content: BinaryIO, size: int) -> None:
+    def add(self, name: str, content: BufferedIOBase, size: int) -> None:
         """Keeps a file that the page sends.
 
         Args:
@@ -142,14 +143,14 @@ class Bench:
         if not 0 <= index < len(self._found):
             raise InputError("that material is not there any more: drop it again")
         chosen = self._found[index]
-        options = BakeOptions(preset=wanted["preset"] or None, format=None if wanted["preset"] else "png")
-        if chosen.document is not None and not wanted["preset"]:
-            options = BakeOptions()
-        jobs = self._with(chosen, wanted)
+        as_images = chosen.document is None and not wanted["preset"]
+        plan = BakeOptions(preset=wanted["preset"] or None, format="png" if as_images else None).plan()
+        whole = plan.wants_glb(chosen)
+        jobs = [each for each in self._found if each.source == chosen.source] if whole else [self._with(chosen, wanted)]
         out = self.folder / "out"
         shutil.rmtree(out, ignore_errors=True)
         heard = _Hears(tell)
-        made = bake_jobs(Run(options.plan(), heard, known=True), jobs, out)
+        made = bake_jobs(Run(plan, heard, known=True), jobs, out)
         for each in made:
             if isinstance(each, NotBaked):
                 raise each.error
@@ -162,38 +163,41 @@ class Bench:
         return {
             "scene": scene({"plain": plain, "mipbake": stack}, source),
             "verdict": found and {"outcome": found.outcome, "sentence": found.sentence},
-            "notes": list(
-                dict.fromkeys(line for each in written if isinstance(each, BakedSet) for line in each.warnings)
-            ),
+            "notes": _notes(written, plan.preset),
             "file": self.result.file.name,
             "about": self.result.about,
         }
 
-    def _with(self, chosen: Job, wanted: Mapping[str, Any]) -> list[Job]:
-        """The job of a set, read as the user wants it; or all of the document that it is of."""
-        if chosen.document is not None:
-            return [job for job in self._found if job.source == chosen.source]
+    def _with(self, chosen: Job, wanted: Mapping[str, Any]) -> Job:
+        """The job of a set, read as the user wants it; of a document, which says that itself, as it is."""
         load = LoadOptions(maps=wanted["maps"], normal_convention=wanted["convention"] or None)
-        if load == LoadOptions():
-            return [chosen]
+        if chosen.document is not None or load == LoadOptions():
+            return chosen
         same = [job for job in self._jobs(load) if (job.source, job.name) == (chosen.source, chosen.name)]
         if not same:
             raise InputError(f"{chosen.name} cannot be read with these maps: choose others")
-        return same
+        return same[0]
 
     def _packed(self, name: str, written: Sequence[BakedSet | BakedDocument]) -> Result:
         """What is downloaded: the GLB of a document, or an archive of all files."""
         documents = [each.out for each in written if isinstance(each, BakedDocument)]
         if documents:
             size = documents[0].stat().st_size
-            return Result(documents[0], f"{size / 1e6:.1f} MB", {})
+            return Result(documents[0], f"{size / 1e6:.1f} MB")
         files = [file for each in written for file in each.files]
         place = self.folder / f"{name}.zip"
         with disk.reading(place), zipfile.ZipFile(place, "w", zipfile.ZIP_STORED) as archive:
             for file in files:
                 archive.write(file.path, f"{name}/{file.path.name}")
         count = f"{len(files)} files, " if len(files) > 1 else ""
-        return Result(place, f"{count}{sum(file.bytes for file in files) / 1e6:.1f} MB", {})
+        return Result(place, f"{count}{sum(file.bytes for file in files) / 1e6:.1f} MB")
+
+
+def _notes(written: Sequence[BakedSet | BakedDocument], engine: Preset | None) -> list[str]:
+    """What a user of the page should know. What names options of the command line helps nobody there."""
+    warnings = [line for each in written if isinstance(each, BakedSet) for line in each.warnings if "--" not in line]
+    told = [f"In {engine.engine}: {note}" for note in engine.notes] if engine else []
+    return [f"{line[:1].upper()}{line[1:]}." for line in dict.fromkeys([*warnings, *told])]
 
 
 class _Hears(Listener):

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import queue
 import shutil
+import sys
 import threading
 from collections.abc import Callable
 from functools import partial
@@ -21,6 +22,7 @@ from urllib.parse import parse_qs, urlsplit
 from mipbake.base.errors import InputError, MipbakeError
 from mipbake.cli.gui_bakes import Bench, Tell
 from mipbake.comparing.viewer import viewer_module, viewer_style
+from mipbake.source.options import MapChoice
 from mipbake.stack.presets import PRESETS
 
 HERE = "127.0.0.1"
@@ -33,9 +35,15 @@ _TYPES = {
     ".zip": "application/zip",
     ".glb": "model/gltf-binary",
 }
-_HEADERS = {"Cache-Control": "no-store", "X-Content-Type-Options": "nosniff", "X-Frame-Options": "DENY"}
+_HEADERS = {
+    "Connection": "close",
+    "Cache-Control": "no-store",
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+}
 _MOST_JSON = 1 << 20
 _LOOK_UP = 0.2  # seconds after which the main thread looks up from waiting: Windows hears Ctrl-C only then
+_ROUGH = 0.5  # where there is no map, which a set cannot do without
 _STEP = 0.01  # of progress that is worth a message
 
 Message = dict[str, Any]
@@ -75,12 +83,16 @@ class Server(ThreadingHTTPServer):
             self.shutdown()
             self.server_close()
 
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A page that went away needs no answer, and nobody needs to know."""
+        if not isinstance(sys.exc_info()[1], OSError):
+            super().handle_error(request, client_address)
+
     def ask(self, act: Callable[[Tell], Message], send: Callable[[Message], None]) -> None:
         """Has something done by the main thread, and sends what it tells and returns, a message each."""
         told: queue.Queue[Message | None] = queue.Queue()
         gone = threading.Event()
-
-        last: list[Any] = [None, 0.0]
+        last: list[Any] = [None, 0.0]  # phase and share
 
         def tell(phase: str, share: float) -> None:
             if gone.is_set():
@@ -114,6 +126,7 @@ class _Handler(BaseHTTPRequestHandler):
     """One connection."""
 
     server: Server
+    protocol_version = "HTTP/1.1"  # which says where an answer of unknown length ends
     timeout = 60  # of a connection on which nothing happens
 
     def log_message(self, format: str, *args: Any) -> None:
@@ -138,8 +151,13 @@ class _Handler(BaseHTTPRequestHandler):
         if not self._allowed(posted=True):
             return
         parts = urlsplit(self.path)
-        actions = {"/api/clear": self._clear, "/api/file": partial(self._file, parts.query), "/api/sets": self._sets}
-        action = {**actions, "/api/bake": self._bake}.get(parts.path)
+        actions: dict[str, Callable[[], None]] = {
+            "/api/clear": self._clear,
+            "/api/file": partial(self._file, parts.query),
+            "/api/sets": self._sets,
+            "/api/bake": self._bake,
+        }
+        action = actions.get(parts.path)
         if action is None:
             self._refuse(HTTPStatus.NOT_FOUND, "there is no such page")
         else:
@@ -158,6 +176,8 @@ class _Handler(BaseHTTPRequestHandler):
     # ---- what is asked for
 
     def _clear(self) -> None:
+        self._body()
+
         def clear(_: Tell) -> Message:
             self.server.bench.clear()
             return {}
@@ -175,15 +195,20 @@ class _Handler(BaseHTTPRequestHandler):
             self._send_json({"done": {}})
 
     def _sets(self) -> None:
+        self._body()
         self._answer(lambda _: {"sets": self.server.bench.sets()})
 
     def _bake(self) -> None:
         try:
-            wanted = _wanted(self.rfile.read(min(self._length(), _MOST_JSON)))
+            wanted = _wanted(self._body())
         except InputError as error:
             self._send_json({"error": str(error)})
             return
         self._answer(lambda tell: self.server.bench.bake(wanted["index"], wanted, tell))
+
+    def _body(self) -> bytes:
+        """What was posted: what nobody reads would break the connection off."""
+        return self.rfile.read(min(self._length(), _MOST_JSON))
 
     def _length(self) -> int:
         length = self.headers.get("Content-Length", "")
@@ -196,10 +221,14 @@ class _Handler(BaseHTTPRequestHandler):
         self._head(HTTPStatus.OK, "application/x-ndjson")
 
         def send(message: Message) -> None:
-            self.wfile.write(json.dumps(message, allow_nan=False).encode() + b"\n")
-            self.wfile.flush()
+            self._send_part(json.dumps(message, allow_nan=False).encode() + b"\n")
 
         self.server.ask(act, send)
+        self._send_part(b"")
+
+    def _send_part(self, content: bytes) -> None:
+        """A part of an answer whose length nobody knows yet; an empty one is its end."""
+        self.wfile.write(b"%x\r\n%b\r\n" % (len(content), content))
 
     def _send_page(self, name: str) -> None:
         pages = self.server.pages
@@ -236,8 +265,8 @@ class _Handler(BaseHTTPRequestHandler):
     def _head(self, status: HTTPStatus, kind: str, size: int | None = None) -> None:
         self.send_response(status)
         self.send_header("Content-Type", f"{kind}; charset=utf-8" if kind.startswith("text/") else kind)
-        if size is not None:
-            self.send_header("Content-Length", str(size))
+        known = ("Transfer-Encoding", "chunked") if size is None else ("Content-Length", str(size))
+        self.send_header(*known)
         for name, value in _HEADERS.items():
             self.send_header(name, value)
         self.end_headers()
@@ -247,8 +276,9 @@ def _wanted(content: bytes) -> Message:
     """What the page wants to have baked. InputError for anything that it would not send."""
     try:
         given = json.loads(content)
-        maps = {str(role): None if file is None else str(file) for role, file in dict(given["maps"]).items()}
-        maps = {role: 0.5 if role == "roughness" and file is None else file for role, file in maps.items()}
+        maps: dict[str, MapChoice] = {}
+        for role, file in dict(given["maps"]).items():
+            maps[str(role)] = str(file) if file is not None else _ROUGH if role == "roughness" else None
         return {
             "index": int(given["index"]),
             "maps": maps,

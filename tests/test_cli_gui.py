@@ -25,6 +25,7 @@ from mipbake.cli.gui_bakes import Bench
 from mipbake.cli.gui_server import Server
 
 from .command_line import fails, tree, write_set
+from .gltf_files import many_materials
 
 NOTHING_CHOSEN = {"index": 0, "maps": {}, "convention": "", "preset": ""}
 
@@ -120,7 +121,21 @@ def test_the_files_of_an_engine_and_maps_that_the_user_chose(page: Page, tmp_pat
     with zipfile.ZipFile(io.BytesIO(page.ask("api/result")[1])) as opened:
         assert {"metal/T_metal_BC.dds", "metal/T_metal_N.dds", "metal/T_metal_ORM.dds"} < set(opened.namelist())
     assert made["scene"]["images"][0]["model"] == "gltf"
+    assert any(note.startswith("In Unreal Engine: keep Mip Gen") for note in made["notes"])
+    assert not any("--" in note for note in made["notes"])
     assert "error" not in page.done("bake", chosen | {"maps": {"roughness": None}})  # a constant
+
+
+def test_a_document_becomes_a_document(page: Page, tmp_path: Path) -> None:
+    document = many_materials(("leather", "Fence")).write(tmp_path / "scene.glb")
+    page.done("clear")
+    assert "done" in page.done("file?name=scene.glb", document.read_bytes())
+    sets = page.done("sets")["done"]["sets"]
+    assert len(sets) == 2 and all(each["files"] == [] for each in sets)
+    for preset, suffix in (("", ".glb"), ("three", ".glb"), ("unreal", ".zip")):
+        made = page.done("bake", NOTHING_CHOSEN | {"index": 1, "preset": preset})["done"]
+        assert made["file"].endswith(suffix), preset
+        assert page.ask("api/result")[1][:4] == (b"glTF" if suffix == ".glb" else b"PK\x03\x04")
 
 
 def test_bad_files_give_one_sentence(page: Page, bench: Bench, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -22,7 +23,9 @@ def assemble(site: Path = SITE) -> None:
 
     shutil.rmtree(site, ignore_errors=True)
     shutil.copytree(WEB / "page", site, ignore=shutil.ignore_patterns("server_baker.js"))
-    shutil.copytree(WEB / "src", site / "src", ignore=shutil.ignore_patterns("command.js", "gltf_transform.js"))
+    (site / "src").mkdir()
+    for file in _imported(WEB / "src" / "index.js"):
+        shutil.copy(file, site / "src")
     (site / "dist").mkdir()
     for file in WEB.joinpath("dist").iterdir():
         if file.suffix in _BAKES:
@@ -30,6 +33,18 @@ def assemble(site: Path = SITE) -> None:
     (site / "viewer.js").write_text(viewer_module(), encoding="utf-8")
     (site / "viewer.css").write_text(viewer_style(), encoding="utf-8")
     _keep_offline(site)
+
+
+def _imported(module: Path) -> set[Path]:
+    """A module and all that it imports from beside it."""
+    found, left = set[Path](), [module]
+    while left:
+        file = left.pop()
+        if file not in found:
+            found.add(file)
+            names = re.findall(r"from '\./([\w.]+)'", file.read_text(encoding="utf-8"))
+            left += [module.parent / name for name in names]
+    return found
 
 
 def _keep_offline(site: Path) -> None:

@@ -21,8 +21,10 @@ const WITHOUT = { base_color: [0.5, 0.5, 0.5], normal: [0, 0, 1], roughness: 0.5
 
 let worker = null;
 
-export function start() {
+/** Prepares the page; says whether there is something to open at once. */
+export async function start() {
     navigator.serviceWorker?.register('sw.js').catch(() => {});  // pages from disk have none
+    return false;
 }
 
 /** Ends what is at work. */

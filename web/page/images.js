@@ -4,7 +4,6 @@ import { crc32 } from './zip.js';
 
 /** @typedef {{data: Uint8Array, width: number, height: number, channels: number}} Texels */
 
-export const MOST_SIDE = 8192;
 const DECODED = /\.(png|jpe?g|webp|avif|bmp|gif)$/i;
 const NOT_DECODED = /\.(exr|tiff?|tga|hdr|psd|dds|ktx2?)$/i;
 
@@ -17,15 +16,16 @@ let graphics = null;
 export async function decoded(blob, name) {
     let bitmap;
     try {
-        bitmap = await createImageBitmap(blob, { premultiplyAlpha: 'none', colorSpaceConversion: 'none', imageOrientation: 'none' });
+        bitmap = await createImageBitmap(blob, { premultiplyAlpha: 'none', colorSpaceConversion: 'none' });
     } catch {
         throw new Error(`${name} cannot be read as an image: open it in an image editor, and save it as PNG.`);
     }
     const { width, height } = bitmap;
-    if (Math.max(width, height) > MOST_SIDE) throw new Error(`${name} is ${width} × ${height}, and a browser takes ${MOST_SIDE} texels a side: use the command line, mipbake bake.`);
-    graphics ??= new OffscreenCanvas(1, 1).getContext('webgl2');
+    graphics ??= document.createElement('canvas').getContext('webgl2');
     if (!graphics) throw new Error('This browser shows no WebGL 2: open the page in another one, or allow hardware acceleration.');
-    const gl = graphics, texture = gl.createTexture(), target = gl.createFramebuffer(), data = new Uint8Array(4 * width * height);
+    const gl = graphics, most = gl.getParameter(gl.MAX_TEXTURE_SIZE);
+    if (Math.max(width, height) > most) throw new Error(`${name} is ${width} × ${height}, and this device shows ${most} texels a side at most: make the images smaller.`);
+    const texture = gl.createTexture(), target = gl.createFramebuffer(), data = new Uint8Array(4 * width * height);
     gl.bindTexture(gl.TEXTURE_2D, texture);
     for (const [option, value] of [[gl.UNPACK_PREMULTIPLY_ALPHA_WEBGL, false], [gl.UNPACK_COLORSPACE_CONVERSION_WEBGL, gl.NONE]]) gl.pixelStorei(option, value);
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE, bitmap);

@@ -1,7 +1,7 @@
 // What was dropped or chosen, as texture sets: folders, images, archives and .glb files.
 import { materialsOf } from './glb.js';
 import { isImage, isOtherImage } from './images.js';
-import { find, interpretations, stemOf } from './names.js';
+import { bareName, find, interpretations, stemOf } from './names.js';
 import { unzipped } from './zip.js';
 
 /**
@@ -72,7 +72,7 @@ export function nameOf(folder, images) {
     const stems = images.map((each) => stemOf(each.name));
     let shared = stems[0];
     while (!stems.every((stem) => stem.startsWith(shared))) shared = shared.slice(0, -1);
-    const name = shared.replace(/[^A-Za-z0-9]+$/, '');
+    const name = bareName(shared);
     return stems.length > 1 && name ? name : 'material';
 }
 
@@ -87,5 +87,5 @@ export function mapsOf(set, by) {
         delete maps[role];
         if (file) maps[role] = set.choices[role]?.file === file ? set.choices[role] : { file, channels: '', inverted: false, convention: 'opengl' };
     }
-    return { maps, problem: '', notes: [] };
+    return { maps, problem: '', role: '', notes: [] };
 }

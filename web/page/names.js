@@ -5,7 +5,7 @@
  * @typedef {{role: string, channels: string, inverted: boolean, rank: number, convention: string, variant: number}} Meaning
  * @typedef {{word: string, meanings: Meaning[], asset: string}} NameMatch
  * @typedef {{file: string, channels: string, inverted: boolean, convention: string}} Choice
- * @typedef {{maps: Record<string, Choice>, problem: string, notes: string[]}} Found
+ * @typedef {{maps: Record<string, Choice>, problem: string, role: string, notes: string[]}} Found
  */
 
 /** Roles in the order that people look for them, with what the page calls them. */
@@ -90,6 +90,9 @@ function stripped(stem) {
     }
 }
 
+/** A stem without resolution, format and number of a copy. @param {string} stem */
+export const bareName = (stem) => stripped(stem.replace(/[^A-Za-z0-9]+$/, ''))[0].replace(/[^A-Za-z0-9]+$/, '');
+
 /** Words of a stem in lower case, each with whether a separator precedes it. @returns {[string, boolean][]} */
 function split(stem) {
     return chunksOf(stripped(stem)[0]).flatMap(([chunk]) => (
@@ -138,12 +141,12 @@ export function classify(stems) {
 export const stemOf = (name) => name.split('/').at(-1).replace(/\.[^.]*$/, '');
 
 /**
- * Which file fills which role; `problem` says in one sentence what only the user can decide.
+ * Which file fills which role; `problem` says in one sentence what only the user can decide, `role` for which role.
  * @param {string[]} files names of images @param {Record<string, string>} chosen role to a file, or to "" for none
  * @returns {Found}
  */
 export function find(files, chosen = {}) {
-    const named = classify(files.map(stemOf)), maps = {}, notes = [], problems = [];
+    const named = classify(files.map(stemOf)), maps = {}, notes = [], problems = [];  // each with its role
     // A picture named after the set itself is a preview: its name, as a map's, would be the words of the set.
     const own = (file) => joined(split(stemOf(file)));
     const matches = files.flatMap((file, i) => (named[i]?.meanings ?? []).map((means) => ({ file, ...means })))
@@ -156,16 +159,17 @@ export function find(files, chosen = {}) {
         }
         const [first, ...others] = preferred(role, matches.filter((m) => m.role === role), notes);
         if (first) maps[role] = first;
-        if (others.length) problems.push(`${[first, ...others].map((m) => m.file).join(' and ')} all look like the ${ROLES[role].toLowerCase()} map: choose one.`);
+        if (others.length) problems.push([role, `${[first, ...others].map((m) => m.file).join(' and ')} all look like the ${ROLES[role].toLowerCase()} map: choose one.`]);
     }
     const unknown = files.filter((file, i) => named[i] === null && !Object.values(maps).some((m) => m.file === file) && !isPreview(file));
     const missing = ['normal', 'roughness'].filter((role) => !maps[role] && !(role in chosen));
     if (!maps.base_color && !('base_color' in chosen) && unknown.length) missing.unshift('base_color');
     if (missing.length && !problems.length) {
         const words = missing.map((role) => ROLES[role].toLowerCase());
-        problems.push(`No file name says which image is the ${words.join(' or the ')} map: choose it below.`);
+        problems.push([missing[0], `No file name says which image is the ${words.join(' or the ')} map: choose it below.`]);
     }
-    return { maps, problem: problems[0] ?? '', notes };
+    const [role, problem] = problems[0] ?? ['', ''];
+    return { maps, problem, role, notes };
 
     function isPreview(file) {
         return own(file) !== '' && named.some((m) => m?.meanings.length && m.asset.startsWith(own(file)));

@@ -7,7 +7,7 @@ import { effectOf, inWords, measured } from './verdict.js';
 
 const at = (id) => document.getElementById(id);
 const OPTIONAL = { base_color: 'none: grey', normal: 'none: flat', roughness: 'none: 0.5 everywhere', metallic: 'none: not metallic' };
-const CONVENTIONS = [['', 'by its name or its look'], ['opengl', 'OpenGL (green is up)'], ['directx', 'DirectX (green is down)']];
+const CONVENTIONS = [['', 'found by mipbake'], ['opengl', 'OpenGL (green is up)'], ['directx', 'DirectX (green is down)']];
 
 /** What is on the page: the sets that were dropped, which one, what the user chose for it, and how often was begun. */
 const state = { sets: [], index: 0, chosen: {}, convention: '', preset: '', run: 0, urls: [] };
@@ -82,7 +82,7 @@ async function bake() {
     if (found.problem) {
         at('maps').open = true;
         fail(new Error(found.problem));
-        at('choices').querySelector('select')?.focus();
+        at(`map-${found.role}`).focus();
         return;
     }
     try {
@@ -101,13 +101,14 @@ async function show(result, run, notes) {
     at('result').hidden = false;
     at('verdict').textContent = result.verdict?.sentence ?? 'Comparing with plain MIP maps …';
     at('size').textContent = 'Writing the files …';
+    at('notes').textContent = notes.join(' ');
     if (document.activeElement === document.body) at('verdict').focus();  // the button that was pressed is gone
     const files = result.files(), viewer = at('viewer').viewer = new Viewer(at('viewer'), result.scene);
     files.catch(() => {});  // it is waited for below
     await viewer.set({ sides: [0, 1] });  // until the texels are loaded
     const verdict = result.verdict ?? inWords(Object.fromEntries(Object.entries(await measured(viewer)).map(([away, found]) => [away, effectOf(found)])));
     if (run !== state.run) return;
-    at('verdict').textContent = [verdict.sentence, verdict.advice, ...notes].join(' ');
+    at('verdict').textContent = `${verdict.sentence} ${verdict.advice}`;
     viewer.change({ sides: viewer.choices.map((_, index) => index) });
     const baked = await files, plain = verdict.better ? null : await result.plain?.();
     if (run !== state.run) return;
@@ -130,21 +131,24 @@ function choices(set, found) {
         Object.assign(state, { index: Number(value), chosen: {}, convention: '' });
         bake();
     }));
-    if (baker.presets.length) made.push(select('Files for', baker.presets, state.preset, (value) => { state.preset = value; }));
+    if (baker.presets.length) made.push(engine());
     for (const [role, label] of Object.entries(ROLES)) {
         if (!files.length) break;
         const none = ['', OPTIONAL[role] ?? 'none'];
-        made.push(select(label, [none, ...files], found.maps[role]?.file ?? '', (value) => { state.chosen[role] = value; }));
+        made.push(select(label, [none, ...files], found.maps[role]?.file ?? '', (value) => { state.chosen[role] = value; }, `map-${role}`));
     }
     if (files.length) made.push(select('Normals are', CONVENTIONS, state.convention, (value) => { state.convention = value; }));
     at('choices').replaceChildren(...made);
     at('maps').hidden = !made.length;
 }
 
-function select(label, options, value, chose) {
+const engine = () => select('Files for', baker.presets, state.preset, (value) => { state.preset = value; });
+
+function select(label, options, value, chose, id = '') {
     const made = document.createElement('label'), list = document.createElement('select');
     list.append(...options.map(([key, words]) => new Option(words, key)));
     list.value = value;
+    list.id = id;
     list.addEventListener('change', () => chose(list.value));
     made.append(label, list);
     return made;
@@ -188,4 +192,6 @@ addEventListener('drop', (event) => {
 });
 
 at('privacy').textContent = baker.privacy;
-baker.start(take);
+const given = await baker.start();
+if (baker.presets.length) at('engine').replaceChildren(engine());
+if (given) take(null);

@@ -7,11 +7,11 @@ export let presets = [];
 
 let stopping = new AbortController();
 
-/** Opens what the command line named. @param {(files: null) => void} take */
-export async function start(take) {
+/** Prepares the page; says whether the command line named something to open. */
+export async function start() {
     const { presets: engines, source } = await (await fetch('api/start')).json();
-    presets = [['', 'PNG files, or a .glb for a .glb'], ...engines];
-    if (source) take(null);
+    presets = [['', 'any program: PNG files of all levels'], ...engines];
+    return source !== null;
 }
 
 export function stop() {
