@@ -27,6 +27,9 @@ from mipbake.stack.presets import PRESETS
 
 HERE = "127.0.0.1"
 
+_PAGES = "gui_page"
+"""What the build calls the folder web/page in the package."""
+
 _TYPES = {
     ".html": "text/html",
     ".js": "text/javascript",
@@ -61,7 +64,7 @@ class Server(ThreadingHTTPServer):
     def __init__(self, bench: Bench, port: int = 0) -> None:
         self.bench = bench
         self.work: queue.Queue[Callable[[], None]] = queue.Queue()
-        self.pages = files("mipbake.gui_page")  # web/page of the source
+        self.pages = files(f"mipbake.{_PAGES}")
         super().__init__((HERE, port), _Handler)
 
     @property

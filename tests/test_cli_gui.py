@@ -8,7 +8,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 import urllib.error
 import urllib.request
@@ -26,6 +25,7 @@ from mipbake.cli.gui_server import Server
 
 from .command_line import fails, tree, write_set
 from .gltf_files import many_materials
+from .gui_pages import serving
 
 NOTHING_CHOSEN = {"index": 0, "maps": {}, "convention": "", "preset": ""}
 
@@ -67,26 +67,9 @@ def bench(tmp_path: Path) -> Bench:
 
 
 @pytest.fixture
-def page(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Iterator[Page]:
-    """A page, with a thread in place of the main one, which ends with the test."""
-    server = Server(bench)
-
-    class _EndError(Exception):
-        pass
-
-    def end() -> None:
-        raise _EndError
-
-    def run() -> None:
-        with pytest.raises(_EndError):
-            server.run()
-
-    worker = threading.Thread(target=run)
-    worker.start()
-    yield Page(server)
-    server.work.put(end)
-    worker.join(60)
-    assert not worker.is_alive()
+def page(bench: Bench) -> Iterator[Page]:
+    with serving(bench) as server:
+        yield Page(server)
 
 
 def test_a_dropped_set_is_baked_and_downloaded(page: Page, tmp_path: Path) -> None:

@@ -56,21 +56,10 @@ def prose(text: str) -> list[tuple[int, str]]:
     return lines
 
 
+FOLDERS = ("mipbake", "models", "training", "cli", "csrc", "benchmarks", "docs", "examples", "tests", "web", ".ci")
 CODE = sorted(
     path.relative_to(ROOT).as_posix()
-    for folder in (
-        "mipbake",
-        "models",
-        "training",
-        "cli",
-        "csrc",
-        "benchmarks",
-        "docs",
-        "examples",
-        "tests",
-        "web",
-        ".ci",
-    )
+    for folder in FOLDERS
     for path in (ROOT / folder).rglob("*.*")
     if path.suffix in {".py", ".h", ".cpp", ".cu"} and "node_modules" not in path.parts
 )

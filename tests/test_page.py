@@ -19,6 +19,7 @@ import pytest
 from PIL import Image
 
 import mipbake
+from mipbake.cli.gui_bakes import Bench
 from mipbake.source.names import classify
 from mipbake.stack.output import Output
 from mipbake.stack.packing import SEPARATE
@@ -26,6 +27,7 @@ from mipbake.stack.packing import SEPARATE
 from .command_line import run
 from .gltf_files import GltfFile
 from .gltf_files import png as png_of
+from .gui_pages import serving
 from .input_files import plain_set, write_image
 
 pytestmark = pytest.mark.independent
@@ -62,14 +64,14 @@ def opened(browser: Any, site: str) -> Iterator[Callable[..., Any]]:
     complaints: list[str] = []
     contexts = []
 
-    def made(**options: Any) -> Any:
+    def made(url: str = site, **options: Any) -> Any:
         contexts.append(browser.new_context(viewport=PHONE, **options))
         page = contexts[-1].new_page()
         page.on("pageerror", lambda error: complaints.append(str(error)))
         page.on("console", lambda m: complaints.append(m.text) if m.type in ("error", "warning") else None)
-        page.on("request", lambda r: None if r.url.startswith((site, "data:", "blob:")) else complaints.append(r.url))
-        page.goto(site)
-        page.wait_for_selector("#privacy:not(:empty)")
+        page.on("request", lambda r: None if r.url.startswith((url, "data:", "blob:")) else complaints.append(r.url))
+        page.goto(url)
+        page.wait_for_selector("#privacy:not(:empty)", state="attached")
         return page
 
     yield made
@@ -242,6 +244,20 @@ def test_it_works_without_a_network_and_by_the_keyboard(opened: Callable[..., An
         page.keyboard.press("Shift+Tab")
     page.keyboard.press("f")
     assert page.evaluate("() => document.getElementById('viewer').viewer.view.away") == "far"
+
+
+def test_the_page_of_mipbake_gui_bakes_with_the_program(opened: Callable[..., Any], tmp_path: Path) -> None:
+    (tmp_path / "work").mkdir()
+    with serving(Bench(tmp_path / "work", plain_set(tmp_path / "wood"))) as server:
+        page = opened(server.url)
+        baked(page)  # what the command line named
+        assert page.locator("#invitation").is_hidden() and "wood" in page.title()
+        page.click("#again")
+        page.locator("#engine select").select_option("unreal")
+        page.set_input_files("#folder-input", str(plain_set(tmp_path / "stone")))
+        assert baked(page).endswith((".", ")"))
+        assert "In Unreal Engine: keep Mip Gen Settings" in page.inner_text("#notes")
+        assert {"stone/T_stone_BC.dds", "stone/T_stone_N.dds"} < set(downloaded(page))
 
 
 NAMES = (
