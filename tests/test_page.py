@@ -28,7 +28,7 @@ from .command_line import run
 from .gltf_files import GltfFile
 from .gltf_files import png as png_of
 from .gui_pages import serving
-from .input_files import plain_set, write_image
+from .input_files import encoded, height_field, plain_set, write_image, write_set
 
 pytestmark = pytest.mark.independent
 
@@ -135,6 +135,28 @@ def test_a_dropped_set_is_baked_as_the_command_line_bakes_it(opened: Callable[..
     place.write_bytes(next(content for name, content in files.items() if name.endswith("_normal.ktx2")))
     code, said = run("info", place, "--json")
     assert code == 0 and "UASTC" in said.upper(), json.loads(said)
+
+
+def test_packed_maps_alpha_and_green_down_are_as_on_the_command_line(
+    opened: Callable[..., Any], tmp_path: Path
+) -> None:
+    rng = np.random.default_rng(3)
+    colour = rng.integers(20, 235, (32, 32, 4)).astype(np.uint8)
+    colour[..., 3] = np.where(rng.random((32, 32)) < 0.3, 0, 255)
+    down = encoded(height_field(32, 32), directx=True)  # which no name says
+    files = {"fern_diff.png": colour, "fern_nor.png": down, "fern_arm.png": "packed"}
+    folder = write_set(tmp_path / "fern", files)
+    page = opened()
+    page.set_input_files("#folder-input", str(folder))
+    baked(page)
+    files = downloaded(page)
+    mipbake.bake(folder, "neural").save(tmp_path / "native", [Output("png", SEPARATE)])
+    for file in sorted((tmp_path / "native").glob("*_mip*.png")):
+        role, level = file.stem.rsplit("_mip", 1)
+        ours = pixels(files[f"fern/png/fern_{role.replace('opacity', 'base_color')}_mip{level}.png"]).astype(int)
+        found = ours[..., 3:] if role == "opacity" else ours[..., :3]
+        assert np.abs(found - pixels(file.read_bytes()).astype(int)).max() <= 1, file.name
+    assert page.evaluate("() => document.getElementById('viewer').viewer.scene.images[0].model") == "gltf"
 
 
 def test_archives_and_documents_with_several_materials(opened: Callable[..., Any], tmp_path: Path) -> None:

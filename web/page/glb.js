@@ -16,13 +16,14 @@ export async function materialsOf(blob, name) {
     for (let at = 12; at + 8 <= bytes.byteLength; at += 8 + view.getUint32(at, true)) {
         chunks[view.getUint32(at + 4, true)] = new Uint8Array(bytes, at + 8, Math.min(view.getUint32(at, true), bytes.byteLength - at - 8));
     }
-    let document;
+    let read;
     try {
-        document = JSON.parse(new TextDecoder().decode(chunks[JSON_CHUNK]));
-    } catch {
+        const document = JSON.parse(new TextDecoder().decode(chunks[JSON_CHUNK]));
+        read = (document.materials ?? []).map((material, index) => materialOf(document, chunks[BINARY_CHUNK], material, index));
+    } catch (error) {
+        if (error.constructor === Error) throw error;
         throw new Error(`${name} is broken: export it again.`);
     }
-    const read = (document.materials ?? []).map((material, index) => materialOf(document, chunks[BINARY_CHUNK], material, index));
     const found = read.filter((material) => material.choices.normal || material.choices.roughness);
     if (!found.length) throw new Error(`${name} has no material with a normal or a roughness texture: there is nothing to bake.`);
     return found;
@@ -60,11 +61,10 @@ function materialOf(document, binary, material, index) {
 function imageOf(document, binary, index) {
     const image = document.images?.[index];
     if (!image) throw new Error('A texture of the .glb file is compressed or has no image: use the command line, mipbake bake.');
-    const name = image.name || `image ${index + 1}`;
+    const name = image.name || `image ${index + 1}`, { byteOffset = 0, byteLength } = image.uri ? {} : document.bufferViews[image.bufferView];
     if (image.uri && !image.uri.startsWith('data:')) throw new Error(`The image ${image.uri} is not in the .glb file: export the file with its images inside.`);
     const blob = async () => {
         if (image.uri) return (await fetch(image.uri)).blob();
-        const { byteOffset = 0, byteLength } = document.bufferViews[image.bufferView];
         return new Blob([binary.subarray(byteOffset, byteOffset + byteLength)], { type: image.mimeType });
     };
     return { name: `${name} (${index})`, blob };

@@ -60,7 +60,8 @@ function say(words, share = null) {
 function fail(error) {
     at('work').hidden = true;
     at('problem').hidden = false;
-    at('problem').textContent = error.message;
+    // All that is said on purpose is an Error; what is of another kind, the browser has thrown.
+    at('problem').textContent = error.constructor === Error ? error.message : `Sorry, this is a defect of mipbake (${error.message}): please report it.`;
     at('start').hidden = state.sets.length > 0;
 }
 
@@ -112,6 +113,7 @@ async function show(result, run, notes) {
     viewer.change({ sides: viewer.choices.map((_, index) => index) });
     const baked = await files, plain = verdict.better ? null : await result.plain?.();
     if (run !== state.run) return;
+    at('download').classList.toggle('second', !verdict.better);
     offer('download', baked, `Download ${baked.name}`);
     if (plain) offer('plain', plain, 'Download plain MIP maps');
     at('size').textContent = baked.about;
