@@ -12,7 +12,8 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from mipbake.baking import BakedDocument, BakedSet, BakeOptions, Listener
-from mipbake.baking.bake import bake
+from mipbake.baking.bake import DEFAULT_FILTER, DEFAULT_METHOD, bake
+from mipbake.baking.options import BakePlan
 from mipbake.baking.results import NotBaked
 from mipbake.baking.sets import Run
 from mipbake.baking.sources import bake_jobs
@@ -33,12 +34,17 @@ MOST_BYTES = 4 << 30
 
 _CHUNK = 1 << 20
 
+PLAIN = ("linear", "box")
+"""Method and pixel filter of plain MIP maps."""
+
+_BAKED = (DEFAULT_METHOD, DEFAULT_FILTER)
+
 Tell = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
 class Result:
-    """What a bake made: the file that is downloaded, how many files of how many bytes are in it."""
+    """What a bake made: the file that is downloaded, and what is in it, in words."""
 
     file: Path
     about: str
@@ -46,15 +52,16 @@ class Result:
 
 @dataclass
 class Bench:
-    """The files, the sets and the result. All but `add` is for one thread.
+    """The files, the sets and the results. All but `add` is for one thread.
 
     Args:
         folder: a temporary one. given: what the command line named, which stays as it is; None for nothing.
+        results: of the latest bake, by "baked" and "plain".
     """
 
     folder: Path
     given: Path | None = None
-    result: Result | None = None
+    results: dict[str, Result] = field(default_factory=dict)
     _own: bool = False  # whether the page has sent files
     _received: int = 0
     _found: list[Job] = field(default_factory=list)
@@ -65,7 +72,8 @@ class Bench:
 
     def clear(self) -> None:
         """Forgets what the page sent, and what was baked of it."""
-        self._own, self._received, self.result, self._found = True, 0, None, []
+        self._own, self._received, self._found = True, 0, []
+        self.results.clear()
         for each in self.folder.iterdir():
             shutil.rmtree(each, ignore_errors=True) if each.is_dir() else each.unlink()
 
@@ -104,7 +112,7 @@ class Bench:
         Raises:
             InputError: there is none, or none can be read.
         """
-        self._found = self._jobs(LoadOptions())
+        self._found = self._jobs(LoadOptions(), "scratch")
         return [
             {
                 "name": job.name,
@@ -113,12 +121,12 @@ class Bench:
             for job in self._found
         ]
 
-    def _jobs(self, load: LoadOptions) -> list[Job]:
-        """What is to be baked of everything."""
+    def _jobs(self, load: LoadOptions, scratch_name: str) -> list[Job]:
+        """What is to be baked of everything; what lies in archives is unpacked into a folder of that name."""
         source = self._uploads if self._own else self.given
         if source is None:
             raise InputError("there are no files: drop the maps of a material")
-        scratch = self.folder / "scratch"
+        scratch = self.folder / scratch_name
         shutil.rmtree(scratch, ignore_errors=True)
         found: list[Job | Failure] = []
         for index, entry in enumerate(found_library(source, self.folder / "out", lambda _: load).entries):
@@ -140,40 +148,57 @@ class Bench:
         Raises:
             MipbakeError: as `mipbake.bake_all`.
         """
+        chosen = self._chosen(index)
+        heard, plan, written = self._written(chosen, wanted, "baked", tell, *_BAKED)
+        texture_set, stack = heard.made[chosen.name]
+        plain = bake(texture_set, PLAIN[0], stack.model, PLAIN[1], lambda _, share: tell("comparison", share))
+        found, source = stack.verdict, texture_set.filtered(filter_named(stack.provenance.pixel_filter).name)
+        return {
+            "scene": scene({"plain": plain, "mipbake": stack}, source),
+            "verdict": found and {"outcome": found.outcome, "sentence": found.sentence},
+            "notes": _notes(written, plan.preset),
+            **self._download("baked"),
+        }
+
+    def plain(self, index: int, wanted: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
+        """Writes plain MIP maps of the same for the same engine. Arguments and errors are those of `bake`."""
+        self._written(self._chosen(index), wanted, "plain", tell, *PLAIN)
+        return self._download("plain")
+
+    def _download(self, kind: str) -> dict[str, Any]:
+        return {"file": self.results[kind].file.name, "about": self.results[kind].about}
+
+    def _chosen(self, index: int) -> Job:
         if not 0 <= index < len(self._found):
             raise InputError("that material is not there any more: drop it again")
-        chosen = self._found[index]
-        as_images = chosen.document is None and not wanted["preset"]
-        plan = BakeOptions(preset=wanted["preset"] or None, format="png" if as_images else None).plan()
+        return self._found[index]
+
+    def _written(
+        self, chosen: Job, wanted: Mapping[str, Any], kind: str, tell: Tell, method: str, pixel_filter: str
+    ) -> tuple[_Hears, BakePlan, list[BakedSet | BakedDocument]]:
+        """Bakes, writes, and packs the result under the name `kind`."""
+        preset = wanted["preset"] or None
+        form = "png" if preset is None and chosen.document is None else None
+        plan = BakeOptions(method=method, pixel_filter=pixel_filter, preset=preset, format=form).plan()
         whole = plan.wants_glb(chosen)
         jobs = [each for each in self._found if each.source == chosen.source] if whole else [self._with(chosen, wanted)]
-        out = self.folder / "out"
+        out = self.folder / kind
         shutil.rmtree(out, ignore_errors=True)
         heard = _Hears(tell)
         made = bake_jobs(Run(plan, heard, known=True), jobs, out)
         for each in made:
             if isinstance(each, NotBaked):
                 raise each.error
-        texture_set, stack = heard.made[chosen.name]
-        plain = bake(texture_set, "linear", stack.model, "box", lambda _, share: tell("comparison", share))
-        source = texture_set.filtered(filter_named(stack.provenance.pixel_filter).name)
         written = [each for each in made if isinstance(each, (BakedSet, BakedDocument))]
-        self.result = self._packed(chosen.name, written)
-        found = stack.verdict
-        return {
-            "scene": scene({"plain": plain, "mipbake": stack}, source),
-            "verdict": found and {"outcome": found.outcome, "sentence": found.sentence},
-            "notes": _notes(written, plan.preset),
-            "file": self.result.file.name,
-            "about": self.result.about,
-        }
+        self.results[kind] = self._packed(f"{chosen.name}{'' if kind == 'baked' else f'_{kind}'}", written)
+        return heard, plan, written
 
     def _with(self, chosen: Job, wanted: Mapping[str, Any]) -> Job:
         """The job of a set, read as the user wants it; of a document, which says that itself, as it is."""
         load = LoadOptions(maps=wanted["maps"], normal_convention=wanted["convention"] or None)
         if chosen.document is not None or load == LoadOptions():
             return chosen
-        same = [job for job in self._jobs(load) if (job.source, job.name) == (chosen.source, chosen.name)]
+        same = [job for job in self._jobs(load, "chosen") if (job.source, job.name) == (chosen.source, chosen.name)]
         if not same:
             raise InputError(f"{chosen.name} cannot be read with these maps: choose others")
         return same[0]

@@ -30,6 +30,8 @@ HERE = "127.0.0.1"
 _PAGES = "gui_page"
 """What the build calls the folder web/page in the package."""
 
+_RESULT = "/api/result/"
+
 _TYPES = {
     ".html": "text/html",
     ".js": "text/javascript",
@@ -144,8 +146,8 @@ class _Handler(BaseHTTPRequestHandler):
             given = self.server.bench.given
             engines = [[name, preset.engine] for name, preset in PRESETS.items()]
             self._send_json({"presets": engines, "source": None if given is None else given.name})
-        elif path == "/api/result":
-            self._send_result()
+        elif path.startswith(_RESULT):
+            self._send_result(path.removeprefix(_RESULT))
         else:
             self._send_page(path.lstrip("/") or "index.html")
 
@@ -158,7 +160,8 @@ class _Handler(BaseHTTPRequestHandler):
             "/api/clear": self._clear,
             "/api/file": partial(self._file, parts.query),
             "/api/sets": self._sets,
-            "/api/bake": self._bake,
+            "/api/bake": partial(self._bake, self.server.bench.bake),
+            "/api/plain": partial(self._bake, self.server.bench.plain),
         }
         action = actions.get(parts.path)
         if action is None:
@@ -201,13 +204,13 @@ class _Handler(BaseHTTPRequestHandler):
         self._body()
         self._answer(lambda _: {"sets": self.server.bench.sets()})
 
-    def _bake(self) -> None:
+    def _bake(self, bake: Callable[[int, Message, Tell], Message]) -> None:
         try:
             wanted = _wanted(self._body())
         except InputError as error:
             self._send_json({"error": str(error)})
             return
-        self._answer(lambda tell: self.server.bench.bake(wanted["index"], wanted, tell))
+        self._answer(lambda tell: bake(wanted["index"], wanted, tell))
 
     def _body(self) -> bytes:
         """What was posted: what nobody reads would break the connection off."""
@@ -244,8 +247,8 @@ class _Handler(BaseHTTPRequestHandler):
         else:
             self._send(file.read_bytes(), name)
 
-    def _send_result(self) -> None:
-        result = self.server.bench.result
+    def _send_result(self, kind: str) -> None:
+        result = self.server.bench.results.get(kind)
         if result is None or not result.file.is_file():
             self._refuse(HTTPStatus.NOT_FOUND, "there is no result yet")
             return

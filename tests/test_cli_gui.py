@@ -84,7 +84,7 @@ def test_a_dropped_set_is_baked_and_downloaded(page: Page, tmp_path: Path) -> No
     assert made["verdict"]["outcome"] in ("gains", "same", "mixed", "loses") and made["verdict"]["sentence"].endswith(
         "."
     )
-    status, archive = page.ask("api/result")
+    status, archive = page.ask("api/result/baked")
     with zipfile.ZipFile(io.BytesIO(archive)) as opened:
         names = opened.namelist()
         sizes = sum(each.file_size for each in opened.infolist())
@@ -101,11 +101,14 @@ def test_the_files_of_an_engine_and_maps_that_the_user_chose(page: Page, tmp_pat
     assert "has no roughness map" in refused and "\n" not in refused
     chosen = NOTHING_CHOSEN | {"maps": {"roughness": "wear.png"}, "preset": "unreal", "convention": "directx"}
     made = page.done("bake", chosen)["done"]
-    with zipfile.ZipFile(io.BytesIO(page.ask("api/result")[1])) as opened:
+    with zipfile.ZipFile(io.BytesIO(page.ask("api/result/baked")[1])) as opened:
         assert {"metal/T_metal_BC.dds", "metal/T_metal_N.dds", "metal/T_metal_ORM.dds"} < set(opened.namelist())
     assert made["scene"]["images"][0]["model"] == "gltf"
     assert any(note.startswith("In Unreal Engine: keep Mip Gen") for note in made["notes"])
     assert not any("--" in note for note in made["notes"])
+    plain = page.done("plain", chosen)["done"]
+    with zipfile.ZipFile(io.BytesIO(page.ask("api/result/plain")[1])) as opened:
+        assert plain["file"] == "metal_plain.zip" and '"linear"' in opened.read("metal_plain/stack.json").decode()
     assert "error" not in page.done("bake", chosen | {"maps": {"roughness": None}})  # a constant
 
 
@@ -118,7 +121,7 @@ def test_a_document_becomes_a_document(page: Page, tmp_path: Path) -> None:
     for preset, suffix in (("", ".glb"), ("three", ".glb"), ("unreal", ".zip")):
         made = page.done("bake", NOTHING_CHOSEN | {"index": 1, "preset": preset})["done"]
         assert made["file"].endswith(suffix), preset
-        assert page.ask("api/result")[1][:4] == (b"glTF" if suffix == ".glb" else b"PK\x03\x04")
+        assert page.ask("api/result/baked")[1][:4] == (b"glTF" if suffix == ".glb" else b"PK\x03\x04")
 
 
 def test_bad_files_give_one_sentence(page: Page, bench: Bench, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -147,7 +150,14 @@ def test_other_pages_and_other_names_are_refused(page: Page) -> None:
     request = urllib.request.Request(f"{page.server.url}api/clear", b"{}")  # no page at all
     with pytest.raises(urllib.error.HTTPError, match="403"):
         urllib.request.urlopen(request, timeout=10)
-    for what in ("../gui_server.py", "%2e%2e/gui_server.py", "sw.js", "api/nothing", "server_baker.js/"):
+    for what in (
+        "../gui_server.py",
+        "%2e%2e/gui_server.py",
+        "sw.js",
+        "api/nothing",
+        "api/result/baked",
+        "server_baker.js/",
+    ):
         assert page.ask(what)[0] == 404
     assert page.server.server_address[0] == "127.0.0.1"
 

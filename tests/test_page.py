@@ -9,8 +9,10 @@ import json
 import threading
 import zipfile
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +25,7 @@ from mipbake.cli.gui_bakes import Bench
 from mipbake.source.names import classify
 from mipbake.stack.output import Output
 from mipbake.stack.packing import SEPARATE
+from mipbake.stack.verdict import DISTANCES, in_words
 
 from .command_line import run
 from .gltf_files import GltfFile
@@ -39,6 +42,10 @@ PHONE = {"width": 390, "height": 700}
 class _Silent(SimpleHTTPRequestHandler):
     def log_message(self, format: str, *args: Any) -> None:
         pass
+
+    def handle(self) -> None:
+        with suppress(ConnectionError):  # pages that close do not wait for the end of what they fetch
+            super().handle()
 
 
 @pytest.fixture(scope="module")
@@ -280,6 +287,19 @@ def test_the_page_of_mipbake_gui_bakes_with_the_program(opened: Callable[..., An
         assert baked(page).endswith((".", ")"))
         assert "In Unreal Engine: keep Mip Gen Settings" in page.inner_text("#notes")
         assert {"stone/T_stone_BC.dds", "stone/T_stone_N.dds"} < set(downloaded(page))
+
+
+def test_verdicts_have_the_words_of_the_command_line(opened: Callable[..., Any]) -> None:
+    page = opened()
+    effects = [dict(zip(DISTANCES, each, strict=True)) for each in product((1, 0, -1), repeat=3)]
+    found = page.evaluate(
+        "async (all) => { const { inWords } = await import('./verdict.js'); return all.map(inWords); }", effects
+    )
+    for each, ours in zip(effects, found, strict=True):
+        theirs = in_words(each)
+        assert ours["sentence"] == theirs.sentence
+        assert ours["better"] == (theirs.outcome in ("gains", "mixed"))
+        assert ("keep them" in ours["advice"]) == (theirs.outcome == "loses")
 
 
 NAMES = (

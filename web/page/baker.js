@@ -62,6 +62,7 @@ async function read(set, maps, convention, say) {
         given[NAMES[role] ?? role] = withFactor(role, channelsOf(image, letters, choice.inverted), factors[role] ?? 1);
     }
     for (const [role, value] of Object.entries(WITHOUT)) given[NAMES[role] ?? role] ??= role in factors && role !== 'normal' ? factors[role] : value;
+    if (set.choices) notes.push('The .zip has the textures of this material; mipbake gui bakes a whole .glb.');
     const normalConvention = convention || maps.normal?.convention || (maps.normal && conventionOf(given.normal)) || 'opengl';
     if (maps.normal && !convention && !maps.normal.convention && !conventionOf(given.normal)) notes.push('The normal map is taken as OpenGL: under Maps you can say otherwise.');
     return { given, notes, options: { normalConvention, wrap: set.wrap ?? ['wrap', 'wrap'] } };

@@ -60,6 +60,8 @@ function say(words, share = null) {
 function fail(error) {
     at('work').hidden = true;
     at('problem').hidden = false;
+    at('result').hidden = !at('viewer').viewer;
+    at('size').textContent = '';
     // All that is said on purpose is an Error; what is of another kind, the browser has thrown.
     at('problem').textContent = error.constructor === Error ? error.message : `Sorry, this is a defect of mipbake (${error.message}): please report it.`;
     at('start').hidden = state.sets.length > 0;
@@ -107,6 +109,7 @@ async function show(result, run, notes) {
     const files = result.files(), viewer = at('viewer').viewer = new Viewer(at('viewer'), result.scene);
     files.catch(() => {});  // it is waited for below
     await viewer.set({ sides: [0, 1] });  // until the texels are loaded
+    if (viewer.broken) throw new Error(at('viewer').textContent);
     const verdict = result.verdict ?? inWords(Object.fromEntries(Object.entries(await measured(viewer)).map(([away, found]) => [away, effectOf(found)])));
     if (run !== state.run) return;
     at('verdict').textContent = `${verdict.sentence} ${verdict.advice}`;
@@ -195,5 +198,8 @@ addEventListener('drop', (event) => {
 
 at('privacy').textContent = baker.privacy;
 const given = await baker.start();
-if (baker.presets.length) at('engine').replaceChildren(engine());
+if (baker.presets.length) {
+    at('engine').replaceChildren(engine());
+    at('maps').querySelector('summary').textContent = 'Engine and maps';
+}
 if (given) take(null);

@@ -39,12 +39,17 @@ export async function opened(files) {
 export async function bake(set, { chosen, convention, preset }, say) {
     stop();
     const maps = Object.fromEntries(Object.entries(chosen).map(([role, file]) => [role, file || null]));
-    const made = await ask('bake', { index: set.index, maps, convention, preset }, ({ phase, share }) => say(`Baking: ${WORDS[phase] ?? phase}`, share));
+    const wanted = { index: set.index, maps, convention, preset };
+    const made = await ask('bake', wanted, ({ phase, share }) => say(`Baking: ${WORDS[phase] ?? phase}`, share));
     const verdict = made.verdict && { sentence: made.verdict.sentence, ...adviceOf(made.verdict.outcome) };
-    return { scene: made.scene, verdict, notes: made.notes, files: async () => ({ name: made.file, url: 'api/result', about: made.about }) };
+    const download = (kind, { file, about }) => ({ name: file, url: `api/result/${kind}`, about });
+    return {
+        scene: made.scene, verdict, notes: made.notes,
+        files: async () => download('baked', made), plain: async () => download('plain', await ask('plain', wanted)),
+    };
 }
 
-const WORDS = { prefilter: 'trying methods', 'other maps': 'other maps', encode: 'writing', write: 'writing', check: 'measuring the files', read: 'reading' };
+const WORDS = { prefilter: 'trying methods', 'other maps': 'other maps', encode: 'writing', write: 'writing', check: 'measuring the files', read: 'reading', comparison: 'plain MIP maps' };
 
 /** What the program answers: lines of JSON, the last of which has the result. */
 async function ask(what, body = {}, tell = () => {}) {
