@@ -42,7 +42,7 @@ export async function bake(set, { maps, convention }, say) {
     const { scene } = await ask(own, { job: 'bake', maps: given, options }, tell);
     const archive = async (which, name) => {
         const { blob } = await ask(own, { job: 'files', which, name: fileName(set.name) });
-        return { name, blob, about: `${(blob.size / 1e6).toFixed(1)} MB: KTX2 files for three.js, Babylon.js and other engines, and every level as PNG` };
+        return { name, blob, about: `${blob.size < 1e5 ? `${Math.ceil(blob.size / 1e3)} KB` : `${(blob.size / 1e6).toFixed(1)} MB`}: KTX2 files for three.js, Babylon.js and other engines, and every level as PNG` };
     };
     const [files, plain] = [['mipbake', ''], ['plain', '_plain']].map(([which, end]) => () => archive(which, `${fileName(set.name)}${end}.zip`));
     return { scene: { ...SETTING, ...scene }, verdict: null, notes, files, plain };
@@ -63,8 +63,8 @@ async function read(set, maps, convention, say) {
     }
     for (const [role, value] of Object.entries(WITHOUT)) given[NAMES[role] ?? role] ??= role in factors && role !== 'normal' ? factors[role] : value;
     if (set.choices) notes.push('The .zip has the textures of this material; mipbake gui bakes a whole .glb.');
-    const normalConvention = convention || maps.normal?.convention || (maps.normal && conventionOf(given.normal)) || 'opengl';
-    if (maps.normal && !convention && !maps.normal.convention && !conventionOf(given.normal)) notes.push('The normal map is taken as OpenGL: under Maps you can say otherwise.');
+    const known = !maps.normal ? 'opengl' : convention || maps.normal.convention || conventionOf(given.normal), normalConvention = known || 'opengl';
+    if (!known) notes.push('The normal map is taken as OpenGL: under Maps you can say otherwise.');
     return { given, notes, options: { normalConvention, wrap: set.wrap ?? ['wrap', 'wrap'] } };
 }
 
@@ -73,7 +73,7 @@ const fileName = (name) => name.replace(/[^\w.-]+/g, '_').replace(/^[._-]+|[._-]
 /** What a worker makes of a job. */
 function ask(worker, message, tell = () => {}) {
     return new Promise((done, failed) => {
-        worker.onerror = () => failed(new Error('The bake has ended, perhaps because the maps need more memory than this browser gives: try smaller ones, or the command line, mipbake bake.'));
+        worker.onerror = () => failed(new Error('The bake has ended, perhaps because the maps need more memory than this browser gives: try smaller ones, or the program, mipbake gui.'));
         worker.onmessage = ({ data }) => {
             if ('share' in data) tell(data.share);
             else if ('error' in data) failed(new Error(data.error));

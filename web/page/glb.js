@@ -16,25 +16,43 @@ export async function materialsOf(blob, name) {
     for (let at = 12; at + 8 <= bytes.byteLength; at += 8 + view.getUint32(at, true)) {
         chunks[view.getUint32(at + 4, true)] = new Uint8Array(bytes, at + 8, Math.min(view.getUint32(at, true), bytes.byteLength - at - 8));
     }
-    let read;
+    const found = [], problems = [];
+    let materials;
     try {
         const document = JSON.parse(new TextDecoder().decode(chunks[JSON_CHUNK]));
-        read = (document.materials ?? []).map((material, index) => materialOf(document, chunks[BINARY_CHUNK], material, index));
-    } catch (error) {
-        if (error.constructor === Error) throw error;
+        materials = (document.materials ?? []).map((material, index) => () => materialOf(document, chunks[BINARY_CHUNK], material, index));
+    } catch {
         throw new Error(`${name} is broken: export it again.`);
     }
-    const found = read.filter((material) => material.choices.normal || material.choices.roughness);
-    if (!found.length) throw new Error(`${name} has no material with a normal or a roughness texture: there is nothing to bake.`);
+    for (const read of materials) {
+        try {
+            const material = read();
+            if (material.choices.normal || material.choices.roughness) found.push(material);
+        } catch (error) {
+            problems.push(error.constructor === Error ? error : new Error(`${name} is broken: export it again.`));
+        }
+    }
+    if (!found.length) throw problems[0] ?? new Error(`${name} has no material with a normal or a roughness texture: there is nothing to bake.`);
     return found;
 }
 
+const OTHERS = ['KHR_materials_pbrSpecularGlossiness', 'KHR_materials_unlit'];  // models that this page does not bake
+const SHADING = ['normal', 'roughness'];
+
 function materialOf(document, binary, material, index) {
     const pbr = material.pbrMetallicRoughness ?? {}, anisotropy = material.extensions?.KHR_materials_anisotropy;
-    const files = new Map(), choices = {};
+    const files = new Map(), choices = {}, name = material.name || `material ${index + 1}`;
     const wraps = [];
-    const take = (slot, roles, skipped = '') => {
-        if (!slot || skipped) return;
+    let main = '';
+    const take = (slot, roles) => {
+        if (!slot || OTHERS.some((other) => other in (material.extensions ?? {}))) return;
+        // Textures are baked together where they lie alike on the surface.
+        const place = JSON.stringify([slot.texCoord ?? 0, slot.extensions?.KHR_texture_transform]);
+        main ||= place;
+        if (place !== main) {
+            if (SHADING.some((role) => role in roles)) throw new Error(`The normals and the roughness of ${name} lie differently on the surface: use the program, mipbake gui.`);
+            return;
+        }
         const texture = document.textures?.[slot.index] ?? {};
         const source = texture.extensions?.EXT_texture_webp?.source ?? texture.extensions?.EXT_texture_avif?.source ?? texture.source;
         const file = imageOf(document, binary, source);
@@ -50,17 +68,14 @@ function materialOf(document, binary, material, index) {
     take(material.emissiveTexture, { emissive: '' });
     take(anisotropy?.anisotropyTexture, { anisotropy: '' });
     return {
-        name: material.name || `material ${index + 1}`, files: [...files.values()], choices, wrap: wraps[0] ?? ['wrap', 'wrap'],
-        factors: {
-            roughness: pbr.roughnessFactor ?? 1, metallic: pbr.metallicFactor ?? 1, normal: material.normalTexture?.scale ?? 1,
-            anisotropy: anisotropy?.anisotropyStrength ?? 0,
-        },
+        name, files: [...files.values()], choices, wrap: wraps[0] ?? ['wrap', 'wrap'],
+        factors: { roughness: pbr.roughnessFactor ?? 1, metallic: pbr.metallicFactor ?? 1, normal: material.normalTexture?.scale ?? 1 },
     };
 }
 
 function imageOf(document, binary, index) {
     const image = document.images?.[index];
-    if (!image) throw new Error('A texture of the .glb file is compressed or has no image: use the command line, mipbake bake.');
+    if (!image) throw new Error('A texture of the .glb file is compressed or has no image: use the program, mipbake gui.');
     const name = image.name || `image ${index + 1}`, { byteOffset = 0, byteLength } = image.uri ? {} : document.bufferViews[image.bufferView];
     if (image.uri && !image.uri.startsWith('data:')) throw new Error(`The image ${image.uri} is not in the .glb file: export the file with its images inside.`);
     const blob = async () => {

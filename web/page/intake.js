@@ -58,8 +58,8 @@ export async function setsOf(files) {
     sets.push(...(maps.length || sets.length ? maps : several));
     if (sets.length) return sets;
     const other = files.find((file) => isOtherImage(file.name));
-    if (other) throw new Error(`${last(other.name)} is a kind of image that browsers do not read: save the maps as PNG, or use the command line, mipbake bake.`);
-    if (files.some((file) => /\.gltf$/i.test(file.name))) throw new Error('A .gltf file keeps its images elsewhere: export it as .glb, or use the command line, mipbake bake.');
+    if (other) throw new Error(`${last(other.name)} is a kind of image that browsers do not read: save the maps as PNG, or use the program, mipbake gui.`);
+    if (files.some((file) => /\.gltf$/i.test(file.name))) throw new Error('A .gltf file keeps its images elsewhere: export it as .glb, or use the program, mipbake gui.');
     throw new Error('No image is in there: expected the maps of a material, such as wood_color.png, wood_normal.png and wood_roughness.png.');
 }
 
