@@ -27,7 +27,7 @@ from mipbake.stack.presets import PRESETS
 
 HERE = "127.0.0.1"
 
-_PAGES = "gui_page"
+_PAGES = "page"
 """What the build calls the folder web/page in the package."""
 
 _RESULT = "/api/result/"

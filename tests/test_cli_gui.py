@@ -187,4 +187,5 @@ def test_ctrl_c_ends_it_and_leaves_nothing(tmp_path: Path) -> None:
 
 def test_what_cannot_be_opened_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str], page: Page) -> None:
     assert "is not there" in fails(capsys, 3, "gui", tmp_path / "nothing", "--no-browser")
+    assert "--port is 70000" in fails(capsys, 2, "gui", "--port", 70000)
     assert "choose another --port" in fails(capsys, 4, "gui", "--no-browser", "--port", page.server.server_port)
