@@ -198,6 +198,19 @@ def test_archives_and_documents_with_several_materials(opened: Callable[..., Any
     assert {name.split("/")[0] for name in names} == {"plate"} and not page.is_visible("#problem")
 
 
+def test_plain_mip_maps_are_offered_where_a_bake_is_not_better(opened: Callable[..., Any], tmp_path: Path) -> None:
+    smooth = np.full((16, 16, 3), (128, 128, 255), np.uint8)
+    paper = {"base_color": np.full((16, 16, 3), 120, np.uint8), "roughness": np.full((16, 16), 200, np.uint8)}
+    folder = plain_set(tmp_path / "card", normal_gl=smooth, **paper)
+    page = opened()
+    page.set_input_files("#folder-input", str(folder))
+    assert baked(page).startswith("No visible gain at any distance. Plain MIP maps look the same")
+    page.wait_for_selector("#plain:not([hidden])")
+    found = downloaded(page, "#plain")
+    source = pixels((folder / "base_color.png").read_bytes()).astype(int)
+    assert np.abs(pixels(found["card/png/card_base_color_mip00.png"]).astype(int) - source).max() <= 1
+
+
 def test_what_cannot_be_baked_is_said_in_a_sentence(opened: Callable[..., Any], tmp_path: Path) -> None:
     page = opened()
     folder = plain_set(tmp_path / "wood")

@@ -6,7 +6,7 @@ import { SETTING } from './viewer.js';
 /**
  * @typedef {{name: string, blob?: Blob, url?: string, about: string}} Download
  * @typedef {{scene: object, verdict: null | {sentence: string, advice: string, better: boolean}, notes: string[],
- *   files: () => Promise<Download>, plain?: () => Promise<Download>}} Result
+ *   files: () => Promise<Download>, plain: () => Promise<Download>}} Result
  *   verdict: where it was measured already; plain: MIP maps as other tools make them
  */
 

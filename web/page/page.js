@@ -109,17 +109,19 @@ async function show(result, run, notes) {
     const files = result.files(), viewer = at('viewer').viewer = new Viewer(at('viewer'), result.scene);
     files.catch(() => {});  // it is waited for below
     await viewer.set({ sides: [0, 1] });  // until the texels are loaded
+    if (run !== state.run) return;
     if (viewer.broken) throw new Error(at('viewer').textContent);
     const verdict = result.verdict ?? inWords(Object.fromEntries(Object.entries(await measured(viewer)).map(([away, found]) => [away, effectOf(found)])));
     if (run !== state.run) return;
     at('verdict').textContent = `${verdict.sentence} ${verdict.advice}`;
     viewer.change({ sides: viewer.choices.map((_, index) => index) });
-    const baked = await files, plain = verdict.better ? null : await result.plain?.();
+    const baked = await files;
     if (run !== state.run) return;
     at('download').classList.toggle('second', !verdict.better);
     offer('download', baked, `Download ${baked.name}`);
-    if (plain) offer('plain', plain, 'Download plain MIP maps');
     at('size').textContent = baked.about;
+    const plain = verdict.better ? null : await result.plain();
+    if (plain && run === state.run) offer('plain', plain, 'Download plain MIP maps');
 }
 
 function offer(id, { name, blob, url }, words) {
