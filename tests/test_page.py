@@ -51,7 +51,7 @@ class _Silent(SimpleHTTPRequestHandler):
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """The address of the site, put together anew."""
-    if not (WEB / "dist" / "bakes.wasm").exists():
+    if not all((WEB / name).exists() for name in ("dist/bakes.wasm", "src/index.js")):
         pytest.skip("the core is not compiled to WebAssembly: python web/build.py does it")
     spec = importlib.util.spec_from_file_location("page_build", WEB / "page_build.py")
     assert spec and spec.loader

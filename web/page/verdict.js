@@ -5,8 +5,9 @@ const SIDE = 128, SAMPLES = 24;
 const LAMPS = [-40, 10];  // degrees: highlights lie elsewhere under each
 
 // A difference counts where the displayed error changes by a tenth, and by half a step of the 8 bits of a screen: nobody
-// sees less. With these limits, verdicts on stacks of 18 scanned sets are those of mipbake/stack/verdict.py far away on all
-// sets, and near and at middle distance on two in three; where they differ, one of the two sees no difference.
+// sees less. With these limits, verdicts on pieces of 256 x 256 texels of 18 scanned sets, baked by `auto`, are those of
+// mipbake/stack/verdict.py far away on all sets, and near and at middle distance on two in three; where they differ, one of
+// the two sees no difference.
 const LEAST_SHARE = 0.1, LEAST_STEP = 0.5 / 255;
 
 /** @typedef {1 | 0 | -1} Effect better than plain, the same, worse */
