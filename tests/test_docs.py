@@ -37,9 +37,14 @@ def test_pages_install_what_was_tested() -> None:
     assert all(command.startswith("pip install -c constraints.txt ") for command in ours)
 
 
+FOLDERS = (
+    *("mipbake", "models", "training", "cli", "csrc", "benchmarks", "docs", "examples", "integrations", "tests"),
+    *("web", ".ci"),
+)
+
 PAGES = sorted(
     path.relative_to(ROOT).as_posix()
-    for folder in ("", "docs", "examples", "benchmarks", "models", "training", "cli", "mipbake", "csrc", "tests", "web")
+    for folder in ("", *FOLDERS)
     for path in (ROOT.glob("*.md") if not folder else (ROOT / folder).rglob("*.md"))
     if "node_modules" not in path.parts
 )
@@ -56,7 +61,6 @@ def prose(text: str) -> list[tuple[int, str]]:
     return lines
 
 
-FOLDERS = ("mipbake", "models", "training", "cli", "csrc", "benchmarks", "docs", "examples", "tests", "web", ".ci")
 CODE = sorted(
     path.relative_to(ROOT).as_posix()
     for folder in FOLDERS

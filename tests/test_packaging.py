@@ -20,6 +20,7 @@ ROOMS = {
     "mipbake/models/": "models",
     "mipbake/training/": "training",
     "mipbake/cli/": "cli",
+    "mipbake/page/": "web/page",
     "mipbake_start/": "cli/mipbake_start",
 }
 
@@ -31,7 +32,7 @@ def test_the_wheel_holds_every_module_config_and_weight() -> None:
         pytest.skip("mipbake is not installed: it runs from the checkout")
     assert files is not None
     installed = {str(path) for path in files}
-    kinds = {".py", ".pyi", ".toml", ".safetensors", ".json", ".md", ".typed", ".cmake"}
+    kinds = {".py", ".pyi", ".toml", ".safetensors", ".json", ".md", ".typed", ".cmake", ".js", ".html", ".css", ".svg"}
     rooms = {ROOT / folder for folder in ROOMS.values()}
     expected = {
         f"{prefix}{path.relative_to(ROOT / folder).as_posix()}"
