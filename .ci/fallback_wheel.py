@@ -20,7 +20,7 @@ BUILD = ROOT / "build" / "fallback"
 CORE = ROOT / "mipbake" / "_wasm" / "core.wasm"
 RUNTIME = "wasmtime>=50"
 NATIVE = "import sys\n\nfrom mipbake import _wasm\n\nsys.modules[__name__] = _wasm\n"
-"""mipbake/_native.py, which no checkout has: Python prefers a compiled module of that name where there is one."""
+"""What stands for the compiled module. No checkout has it, and Python prefers a compiled module of that name."""
 
 
 def run(*command: str | Path) -> None:
@@ -45,7 +45,7 @@ def main() -> None:
         run(sys.executable, "-m", "wheel", "unpack", "--dest", parts, next(pure.glob("*.whl")))
         (tree,) = parts.iterdir()
         shutil.copyfile(CORE, tree / "mipbake" / "_wasm" / CORE.name)
-        (tree / "mipbake" / "_native.py").write_text(NATIVE, encoding="utf-8")
+        (tree / "mipbake" / "_native").with_suffix(".py").write_text(NATIVE, encoding="utf-8")
         (described,) = tree.glob("*.dist-info/METADATA")
         text = described.read_text(encoding="utf-8")
         required = re.sub(r"^Requires-Dist:", f"Requires-Dist: {RUNTIME}\nRequires-Dist:", text, count=1, flags=re.M)
