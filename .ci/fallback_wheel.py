@@ -16,6 +16,9 @@ import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT / "web"))
+from build import compiled  # noqa: E402
+
 BUILD = ROOT / "build" / "fallback"
 CORE = ROOT / "mipbake" / "_wasm" / "core.wasm"
 RUNTIME = "wasmtime>=50"
@@ -29,14 +32,8 @@ def run(*command: str | Path) -> None:
 
 def main() -> None:
     """Compiles the core, and puts it into a wheel of everything but a compiled core."""
-    import ziglang
-
     out = Path(sys.argv[1] if len(sys.argv) > 1 else "dist").resolve()
-    zig = Path(ziglang.__file__).parent / "zig"
-    tools = f"-DCMAKE_TOOLCHAIN_FILE={ROOT / 'web' / 'toolchain.cmake'}", f"-DMIPBAKE_ZIG={zig}"
-    run("cmake", "-S", ROOT, "-B", BUILD, "-G", "Ninja", "-DCMAKE_BUILD_TYPE=Release", *tools)
-    run("cmake", "--build", BUILD, "--target", "mipbake_native")
-    shutil.copyfile(BUILD / "mipbake_native", CORE)
+    shutil.copyfile(compiled("native", BUILD), CORE)
     with tempfile.TemporaryDirectory() as folder:
         pure, parts = Path(folder, "pure"), Path(folder, "parts")
         settings = "wheel.cmake=false", "wheel.py-api=py3", "wheel.platlib=false"

@@ -165,7 +165,9 @@ def test_other_pages_and_other_names_are_refused(page: Page) -> None:
 def test_ctrl_c_ends_it_and_leaves_nothing(tmp_path: Path) -> None:
     work = tmp_path / "temporary"
     work.mkdir()
-    program = [sys.executable, "-c", "from mipbake_start import run; run()", "gui", str(write_set(tmp_path / "metal"))]
+    heeding = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "  # a shell may ignore it
+    start = f"{heeding}from mipbake_start import run; run()"
+    program = [sys.executable, "-c", start, "gui", str(write_set(tmp_path / "metal"))]
     started = subprocess.Popen(
         [*program, "--no-browser"],
         stdout=subprocess.PIPE,

@@ -69,7 +69,7 @@ CODE = sorted(
 )
 FILE_NAME = re.compile(r"(?<![\w/.*<>-])([\w./-]*\w\.py)\b(?!-)")
 MODULE_NAME = re.compile(r"(?<![\w./-])(mipbake(?:\.[a-z_]\w*)+)(?![\w/])")
-MADE_UP = ("tests/", "docs/engines/", "CHANGELOG.md")
+MADE_UP = ("tests/", "docs/engines/", "integrations/", "CHANGELOG.md")
 """Pages and files that name what is made up, other people's, or gone."""
 
 

@@ -360,14 +360,9 @@ def test_tangents_are_refused(call: Callable[[Tensor], Any], name: str, tensor: 
 BIAS_3 = torch.zeros(1, 2, 3)
 
 
-def test_lights_that_require_a_gradient_are_refused() -> None:
-    with pytest.raises(UsageError, match=r"view requires a gradient.*view.detach\(\)"):
-        shade("ggx", torch.zeros(4, 11), torch.zeros(5, 3), torch.zeros(5, 3, requires_grad=True))
-
-
 def test_more_triangles_than_can_be_numbered() -> None:
-    many = torch.zeros(1, 1, dtype=torch.int32).expand(2**24 + 1, 3)
-    with pytest.raises(UsageError, match="tri has 16777217 triangles: expected at most 16777216, what float32 can num"):
+    many = torch.zeros(1, 1, dtype=torch.int32).expand(2**31 // 3 + 1, 3)
+    with pytest.raises(UsageError, match="tri has 715827883 triangles: expected at most 715827882; split the mesh"):
         rasterize(None, torch.from_numpy(POS), many, SIZE)
 
 

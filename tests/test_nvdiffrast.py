@@ -324,6 +324,7 @@ FITTING = Path(__file__).parents[1] / "examples" / "fitting"
 OURS, THEIRS = "import mipbake.nvdiffrast as dr", "import nvdiffrast.torch as dr"
 SMALL = {
     "triangle": ["--cuda"],
+    "capture": ["--frames", "2", "--cameras", "2", "--resolution", "24", "--texture-size", "8", "--iterations", "4"],
     "cube": ["--resolutions", "8", "--runs", "2", "--iterations", "4"],
     "earth": ["--texture-size", "8", "--resolution", "16", "--supersampling", "2", "--iterations", "4"],
     "envphong": ["--texture-size", "8", "--resolution", "24", "--iterations", "4"],

@@ -15,8 +15,8 @@ using Index = std::int64_t;
 using P = typename Lanes<float>::Real;
 constexpr int kLanes = Lanes<float>::count;
 
-#ifdef __wasm__
-constexpr bool kEvery = false;  // a module of WebAssembly is downloaded, and has UASTC alone
+#ifdef MIPBAKE_WASM_BAKES
+constexpr bool kEvery = false;  // the npm package's module is downloaded, and has UASTC alone
 #else
 constexpr bool kEvery = true;
 #endif

@@ -6,9 +6,9 @@ namespace mipbake {
 inline namespace MIPBAKE_ISA {
 namespace {
 
-#ifdef __wasm__
+#ifdef MIPBAKE_WASM_BAKES
 
-// Calls f(K()) with the kernels for a network. A module of WebAssembly is downloaded, so it has only the networks that
+// Calls f(K()) with the kernels for a network. The npm package's module is downloaded, so it has only the networks that
 // csrc/wasm/bakes.cpp lets in: those that correct averages, of models with a GGX lobe.
 template <class F>
 decltype(auto) visit(const KernelNetwork& net, F&& f) {

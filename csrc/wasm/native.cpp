@@ -153,6 +153,14 @@ MIPBAKE_CALL(shade_backward) {
     shade_backward_cpu(args, grad, out, in);
 }
 
+MIPBAKE_CALL(shade_directions_backward) {
+    Words in(words);
+    const ShadeArgs args = shading(in);
+    const void* const grad = in;
+    void* const to_light = in;
+    shade_directions_backward_cpu(args, grad, to_light, in);
+}
+
 MIPBAKE_CALL(shade_lit) {
     Words in(words);
     const ShadeLitArgs args{in, in, in, in, in, in, {in, in, in}, in, {in, in, in, in}, in, {in, in, in}, in, in, in};

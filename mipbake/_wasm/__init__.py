@@ -24,7 +24,7 @@ from mipbake._wasm.meshes import (
     rasterize_backward,
 )
 from mipbake._wasm.network import Network, NetworkBake, network_counts
-from mipbake._wasm.shading import models, shade, shade_backward, shade_lit
+from mipbake._wasm.shading import models, shade, shade_backward, shade_directions_backward, shade_lit
 from mipbake._wasm.texture import (
     texture,
     texture_backward,
@@ -62,6 +62,7 @@ __all__ = [
     "set_num_threads",
     "shade",
     "shade_backward",
+    "shade_directions_backward",
     "shade_lit",
     "texture",
     "texture_backward",

@@ -69,7 +69,7 @@ class NetworkBake:
             sizes.append(size)
             words += [source, _axis(rows, finer[0]), _axis(columns, finer[1]), out if out is None else Out(out), own]
         images = [stored, height, width, wrap_rows, wrap_columns, sharp, plain, len(sharp) // 2, bias, Out(top)]
-        self._height = height
+        self._height: int = height
         self._machine: Machine | None = Machine()
         self._bake = self._machine.call("bake_begin", self._machine.placed(network.words, images, len(sinks), words))
 

@@ -49,6 +49,27 @@ def shade_backward(
     run("shade_backward", words, grad, filled("grad_material", grad_material, kind, (B, N, C)), duals)
 
 
+def shade_directions_backward(
+    model: str,
+    material: Any,
+    light: Any,
+    view: Any,
+    grad_radiance: Any,
+    grad_light: Any,
+    grad_view: Any,
+    stream: int = 0,
+    black: bool = False,
+) -> None:
+    del stream
+    words, kind, (B, K, N, _) = _shading(model, material, light, view, black)
+    grad = checked("grad_radiance", grad_radiance, kind, (B, K, N, 3))
+    made = [
+        filled(name, value, kind, (B, K, N, 3))
+        for name, value in (("grad_light", grad_light), ("grad_view", grad_view))
+    ]
+    run("shade_directions_backward", words, grad, made)
+
+
 def _shading(
     model: str, material: Any, light: Any, view: Any, black: bool
 ) -> tuple[list[Any], np.dtype[Any], tuple[int, int, int, int]]:
