@@ -24,7 +24,7 @@ def assemble(site: Path = SITE) -> None:
     shutil.rmtree(site, ignore_errors=True)
     shutil.copytree(WEB / "page", site, ignore=shutil.ignore_patterns("server_baker.js"))
     (site / "src").mkdir()
-    for file in _imported(WEB / "src" / "index.js"):
+    for file in imported(WEB / "src" / "index.js"):
         shutil.copy(file, site / "src")
     (site / "dist").mkdir()
     for file in WEB.joinpath("dist").iterdir():
@@ -35,7 +35,7 @@ def assemble(site: Path = SITE) -> None:
     _keep_offline(site)
 
 
-def _imported(module: Path) -> set[Path]:
+def imported(module: Path) -> set[Path]:
     """A module and all that it imports from beside it."""
     found, left = set[Path](), [module]
     while left:

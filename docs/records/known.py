@@ -99,6 +99,7 @@ KNOWN: Mapping[str, Known] = {
         "benchmarks/mipnet.py", "train", "--target", "ggx", "--like", "training/configs/paper-ggx.toml",
         "--steps", "12000", "--data", MATERIALS, "--out", WORK, "--resume", golden=False,
     ),
+    "web": _measured("the npm package beside the native core", "benchmarks/web.py", golden=False),
     "library": _measured(
         "a library that is baked, killed again and again, and gone on with", "benchmarks/library.py", golden=False
     ),

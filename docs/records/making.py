@@ -39,7 +39,7 @@ _CHARTS = "paper-figure-5-*.svg"
 
 def pages(root: Path = ROOT) -> list[str]:
     """Markdown files that may have blocks, relative to the root."""
-    found = [root / "README.md", *(path for folder in ("docs", "examples", "benchmarks") for path in
+    found = [root / "README.md", *(path for folder in ("docs", "examples", "benchmarks", "web") for path in
                                    (root / folder).rglob("*.md"))]  # fmt: skip
     return sorted(path.relative_to(root).as_posix() for path in found if "node_modules" not in path.parts)
 

@@ -191,10 +191,26 @@ def _of(folder: str, module: str, function: str, record: str) -> Callable[[Any],
 
 
 _ENGINES = "benchmarks/engines"
+
+
+def web(records: Records) -> str:
+    """What browsers load of the npm package, and how long it takes."""
+    data = records["web"]
+    core, weights, code = (f"{data['bytes'][name] / 1000:.0f} KB" for name in ("core", "weights", "script"))
+    node, native = (data["seconds"][name] for name in ("node", "native"))
+    return wrapped(
+        f"Gzipped: core (WebAssembly) {core}, weights {weights}, script {code} with its comments. Weights are loaded "
+        f"when a bake needs them. A set of {data['size']} x {data['size']} texels takes {node:.1f} s of one thread in "
+        f"Node.js, {node / native:.1f} times what the Python tool takes ({records.record('web').measured.machine}); a "
+        "worker is the place for it."
+    )
+
+
 VIEWS: Mapping[str, Callable[[Any], str]] = {
     "picture/caption": scales_caption,
     "animation/caption": shimmer_caption,
     "fitting/table": fitting_table,
+    "web/sizes": web,
     "training-mipnet/words": mipnet_words,
     "fit/words": fit_words,
     "fit/pictures": fit_pictures,

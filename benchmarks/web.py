@@ -1,0 +1,99 @@
+"""The npm package beside the native core on one thread: bytes, processor time, and how far their levels are apart.
+
+python benchmarks/web.py [--size 1024] [--rounds 3] [--results FILE]     after python web/build.py
+"""
+
+from __future__ import annotations
+
+import gzip
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from timing import arguments
+
+import mipbake
+from mipbake import _native
+
+ROOT = Path(__file__).resolve().parent.parent
+WEB = ROOT / "web"
+sys.path += [str(ROOT / "examples"), str(WEB)]
+import generate  # noqa: E402
+from page_build import imported  # noqa: E402
+
+_NODE = """
+import { readFileSync, writeFileSync } from 'node:fs';
+import { bake } from '%(package)s';
+const size = %(size)d, maps = {};
+for (const [name, channels] of [['baseColor', 3], ['normal', 3], ['roughness', 1], ['metallic', 1]]) {
+    const data = new Uint8Array(readFileSync(`${process.argv[1]}/${name}`));
+    maps[name] = { data, width: size, height: size, channels };
+}
+const before = process.cpuUsage(), stack = await bake(maps), { user, system } = process.cpuUsage(before);
+const levels = stack.stored.map(({ data }) => Buffer.from(data.buffer, data.byteOffset, data.byteLength));
+writeFileSync(`${process.argv[1]}/levels`, Buffer.concat(levels));
+console.log((user + system) / 1e6);
+"""
+
+
+def main() -> None:
+    """Measures, in turns."""
+    options = arguments(__doc__, size=1024, rounds=3, results=None)
+    _native.set_num_threads(1)
+    made = generate.quantised(generate.SETS["lacquered_leather"](options.size, options.size))
+    seconds: dict[str, list[float]] = {"node": [], "native": []}
+    with tempfile.TemporaryDirectory() as scratch:
+        generate.store(made, Path(scratch) / "leather")
+        texture_set = mipbake.load(Path(scratch) / "leather")
+        for name, role in (
+            ("baseColor", "base_color"),
+            ("normal", "normal"),
+            ("roughness", "roughness"),
+            ("metallic", "metallic"),
+        ):
+            (Path(scratch) / name).write_bytes(_bytes(Path(scratch) / "leather", role).tobytes())
+        script = _NODE % {"package": (WEB / "src" / "index.js").as_uri(), "size": options.size}
+        for _ in range(options.rounds):
+            before = time.process_time()
+            stack = mipbake.bake(texture_set, "neural")
+            seconds["native"].append(time.process_time() - before)
+            ran = subprocess.run(
+                ["node", "--input-type=module", "-e", script, scratch], check=True, capture_output=True, text=True
+            )
+            seconds["node"].append(float(ran.stdout))
+        theirs = np.fromfile(Path(scratch) / "levels", np.float32)
+    ours = np.concatenate([level.ravel() for level in stack.levels])
+    found = {
+        "bytes": {
+            "core": _packed(WEB / "dist" / "bakes.wasm"),
+            "weights": _packed(WEB / "dist" / "mipbake-3.safetensors"),
+            "script": sum(_packed(path) for path in imported(WEB / "src" / "index.js")),
+        },
+        "size": options.size,
+        "seconds": {name: float(np.median(each)) for name, each in seconds.items()},
+        "largest difference": float(np.abs(ours - theirs).max()),
+    }
+    print(json.dumps(found, indent=2))
+    if options.results:
+        options.results.write_text(json.dumps(found), encoding="utf-8")
+
+
+def _packed(path: Path) -> int:
+    """Bytes of a file after gzip."""
+    return len(gzip.compress(path.read_bytes(), 9))
+
+
+def _bytes(folder: Path, role: str) -> np.ndarray:
+    """The 8-bit values of a map, its own channels alone."""
+    import OpenImageIO
+
+    (path,) = folder.glob(f"*{role}.*")
+    return np.ascontiguousarray(OpenImageIO.ImageBuf(str(path)).get_pixels("uint8"))
+
+
+if __name__ == "__main__":
+    main()
