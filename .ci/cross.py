@@ -7,13 +7,14 @@ is compiled anew for that system and put in its place; everything else is the sa
 dist where none is named.
 
 It runs on Python 3.12 or later, whose headers it uses, and needs abi3audit, cmake, nanobind, ninja, wheel and ziglang,
-all of them on PyPI. BUILD names a folder that keeps what was compiled. macOS is no target: the linker of Zig 0.17
-crashes on the module.
+all of them on PyPI. BUILD names a folder that keeps what was compiled. For macOS it also needs ld64.lld, the linker of
+LLVM (Debian's lld), because the linker of Zig 0.17 crashes on the module.
 """
 
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -28,17 +29,20 @@ CROSS = ROOT / ".ci" / "cross"
 
 @dataclass(frozen=True)
 class Target:
-    """A system: its names in wheels, in CMake and in Zig, and the module's file."""
+    """A system: its names in wheels, in CMake and in Zig, and the module's file. minimum: the oldest macOS."""
 
     tag: str
     system: str
     processor: str
     triple: str
     module: str = "_native.abi3.so"
+    minimum: str = ""
 
 
 TARGETS = {
     "linux-aarch64": Target("manylinux_2_28_aarch64", "Linux", "aarch64", "aarch64-linux-gnu.2.28"),
+    "macos-arm64": Target("macosx_11_0_arm64", "Darwin", "arm64", "aarch64-macos.11.0", minimum="11.0"),
+    "macos-x86_64": Target("macosx_10_15_x86_64", "Darwin", "x86_64", "x86_64-macos.10.15", minimum="10.15"),
     "windows-amd64": Target("win_amd64", "Windows", "AMD64", "x86_64-windows-gnu", "_native.pyd"),
 }
 
@@ -58,10 +62,39 @@ def tools(folder: Path, zig: Path) -> None:
     subprocess.run([zig, "dlltool", *library], check=True)
 
 
+def macos_linker(target: Target, folder: Path, zig: Path) -> None:
+    """A script that links a module of macOS: the libraries of C++ are Zig's, in the module; the system's is told by
+    name, and Python's functions are found as it loads."""
+    names = ("ld64.lld", *(f"ld64.lld-{version}" for version in range(25, 13, -1)))
+    linker = next((found for name in names if (found := shutil.which(name))), None)
+    if linker is None:
+        sys.exit("ld64.lld is missing: install LLVM's linker (Debian's lld)")
+    empty, place = folder / "empty.cpp", folder / target.processor
+    place.mkdir(exist_ok=True)
+    empty.write_text("#include <string>\nint main(int, char** all) { throw std::string(all[0]); }\n")
+    told = subprocess.run(
+        [zig, "c++", "-target", target.triple, empty, "-o", place / "empty"],
+        env={**os.environ, "ZIG_VERBOSE_LINK": "1"}, check=True, capture_output=True, text=True,
+    )  # fmt: skip
+    libraries = [word for word in told.stderr.split() if word.endswith(".a")]
+    system = (zig.parent / "lib" / "libc" / "darwin" / "libSystem.tbd").read_text()
+    # A processor that older linkers do not know.
+    system = re.sub(r"arm64e\.x1-\w+,\s*", "", re.sub(r",\s*arm64e\.x1-\w+", "", system))
+    (place / "libSystem.tbd").write_text(system)
+    words = ["-arch", target.processor, "-platform_version", "macos", target.minimum, target.minimum, "-bundle"]
+    words += ["-undefined", "dynamic_lookup", "-dead_strip", "-exported_symbol", "_PyInit__native", "-o", '"$@"']
+    words += [*libraries, f"-L{place}", "-lSystem"]
+    script = folder / "link"
+    script.write_text(f"#!/bin/sh\nexec {linker} {' '.join(words)}\n")
+    script.chmod(0o755)
+
+
 def compile_module(target: Target, build: Path, folder: Path, zig: Path) -> Path:
     """The module for a target."""
     import nanobind
 
+    if target.system == "Darwin":
+        macos_linker(target, folder, zig)
     values = {
         "CMAKE_TOOLCHAIN_FILE": CROSS / "toolchain.cmake",
         "CMAKE_BUILD_TYPE": "Release",
