@@ -383,7 +383,6 @@ std::int64_t raster_backward_tile(const RasterizeBackwardArgs<T>& args, const Pi
     const T* const pos = item_positions(args, tile.item);
     const double width = args.width, height = args.height;
     TileTriangle triangles[kTileTriangles];
-    const T last_id = triangle_id<T>(args.triangles);
     std::int32_t last = -1;
     TileTriangle* current = nullptr;
     Index wrong = -1;
@@ -393,7 +392,7 @@ std::int64_t raster_backward_tile(const RasterizeBackwardArgs<T>& args, const Pi
         for (int x = tile.x0; x < tile.x1; ++x) {
             const Index at = (row + x) * 4;
             bool valid = true;
-            const std::int32_t name = triangle_of(args.rast[at + 3], last_id, valid);
+            const std::int32_t name = triangle_of(args.rast[at + 3], triangle_id<T>(args.triangles), valid);
             if (!valid && wrong < 0) wrong = row + x;
             if (name < 0) continue;
             const double gu = static_cast<double>(args.grad_rast[at]), gv = static_cast<double>(args.grad_rast[at + 1]);
