@@ -14,6 +14,8 @@ Parameters lie in *elements*, rows of an array (elements, channels): a texel, a 
 of parameter, step and seed, so that nothing is stored between the calls. `touched_texels` and `touched_vertices` say
 which elements a pixel was made of, and `contributions` turns that round.
 
+`Descent` does this for several kinds of parameters at once, from a function that renders them.
+
 Functions take NumPy arrays, or torch tensors on the CPU or with CUDA, and no gradients flow through them. Results are
 the same bits whatever the number of threads. Work is in proportion to what the listed elements and pixels are, and does
 not grow with elements that no pixel shows. The plain twins are in `mipbake.stochastic.reference`.
@@ -28,6 +30,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from mipbake.base.arguments import REAL, device_of, dtype_of, empty, is_array, whole, writable
 from mipbake.base.errors import UsageError
 from mipbake.base.stream import current_stream
+from mipbake.stochastic.descent import Descent, Group, Shown
 from mipbake.stochastic.elements import ANY, Channels, Contributions, Moments, given
 from mipbake.stochastic.touching import contributions, touched_texels, touched_vertices
 
@@ -40,7 +43,10 @@ if TYPE_CHECKING:
 __all__ = [
     "Channels",
     "Contributions",
+    "Descent",
+    "Group",
     "Moments",
+    "Shown",
     "add_gradient",
     "contributions",
     "descend",
