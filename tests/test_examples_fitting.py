@@ -3,6 +3,7 @@
 import importlib
 import json
 import runpy
+import subprocess
 import sys
 from pathlib import Path
 
@@ -129,3 +130,18 @@ def test_quaternions(load):
     trace = camera.rotation_matrix(a).mT @ camera.rotation_matrix(b)
     cosine = (trace.diagonal(dim1=-2, dim2=-1).sum(-1) - 1) / 2
     assert torch.allclose(torch.cos(torch.deg2rad(between)), cosine, atol=1e-5)
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not torch.distributed.is_available(), reason="this torch has no torch.distributed")
+def test_two_processes_learn_what_one_learns(tmp_path):
+    textures = []
+    for count in (1, 2):
+        launch = [sys.executable, "-m", "torch.distributed.run", "--standalone", f"--nproc-per-node={count}"]
+        script = [str(FITTING / "several.py"), "--iterations", "30", "--output", str(tmp_path / f"{count}.pt")]
+        run = subprocess.run([*launch, *script], capture_output=True, text=True, check=False, timeout=600)
+        assert run.returncode == 0, run.stderr
+        assert f"processes: {count}, PSNR" in run.stdout
+        textures.append(torch.load(tmp_path / f"{count}.pt"))
+    assert (textures[0] - 0.5).abs().mean() > 0.05  # something was learned
+    assert (textures[0] - textures[1]).abs().max() < 1e-5  # sums of the same gradients in another order
