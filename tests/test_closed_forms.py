@@ -243,6 +243,14 @@ def test_lean_adds_twice_the_slope_covariance() -> None:
     assert abs(anisotropic[8]) == pytest.approx(1, abs=1e-4)
 
 
+def test_lean_averages_the_kurtosis_of_beckmann() -> None:
+    """As section 4 of the paper has it: ln(gamma), the last channel, is averaged."""
+    stored = constant((1, 2), "beckmann")
+    stored[0, :, -1] = 0.1, 0.5
+    found = run("lean", stored, "beckmann", "box", "beckmann")
+    assert found[1][0, 0, -1] == pytest.approx(0.3, abs=1e-5)
+
+
 def test_lean_keeps_the_roughness_of_a_constant_tilt() -> None:
     for degrees in (60, 80):
         angle = np.radians(degrees)
