@@ -33,7 +33,7 @@ SHOWN = (0, 10, 100, 1000)
 
 @dataclass(frozen=True)
 class Settings:
-    resolutions: tuple[int, ...] = (16, 8, 4)
+    resolutions: tuple[int, ...] = (16, 8, 4, 2)
     runs: int = 20
     iterations: int = 5000
     first_rate: float = 1e-2
