@@ -163,6 +163,14 @@ struct NetworkBakeArgs {
     int sink_count;
 };
 
+// A part of a bake, for workers that share one. The rows that it reads stand in its image in the order of the whole.
+struct NetworkPart {
+    std::int64_t begin, end;  // rows of level 0 that are decoded, the first to `top`
+    const float* latents;     // null, or (height, row_floats of the width) in place of `stored`, without level 0
+    int kept;                 // the sink whose latents are kept for another part, or -1
+    float* out;               // (rows.n, row_floats of columns.n) of that sink
+};
+
 class Network;  // packed weights
 
 // Bakes every level of a set, some rows of level 0 at a time. What args point to must live as long. Results do not
@@ -172,9 +180,11 @@ class Network;  // packed weights
 class NetworkBake {
   public:
     NetworkBake(std::shared_ptr<const Network> network, const NetworkBakeArgs& args);
+    NetworkBake(std::shared_ptr<const Network> network, const NetworkBakeArgs& args, const NetworkPart& part);
     ~NetworkBake();
     std::int64_t rows_done() const;
-    void advance();  // the next rows
+    void advance();                                                          // the next rows
+    static std::int64_t row_floats(const Network& network, std::int64_t n);  // of the latents of n texels
   private:
     struct State;
     std::unique_ptr<State> state_;

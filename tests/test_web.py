@@ -174,6 +174,23 @@ def test_the_network_takes_the_sampler(sampler: str, tmp_path: Path) -> None:
     check_same(in_javascript(tmp_path / "js", maps, sampler=sampler).stored, wanted.levels)
 
 
+@pytest.mark.parametrize(
+    ("maps", "options"),
+    [
+        (material(48, 96), {}),
+        (material(61, 97), {"wrap": ["clamp", "wrap"], "filter": "mitchell"}),
+        (material(61, 97), {"wrap": ["wrap", "clamp"], "target": "gltf-anisotropic"}),
+        (material(200, 24, "anisotropy"), {"sampler": "anisotropic"}),
+        (material(5, 16), {}),
+        (material(2, 3), {}),
+    ],
+)
+def test_levels_do_not_depend_on_the_number_of_workers(maps: Maps, options: dict[str, Any], tmp_path: Path) -> None:
+    alone, *shared = (in_javascript(tmp_path / str(n), maps, threads=n, **options) for n in (1, 2, 7))
+    for baked in shared:
+        assert all(np.array_equal(*both) for both in zip(baked.stored, alone.stored, strict=True))
+
+
 def test_sixteen_bits_and_smaller_maps(tmp_path: Path) -> None:
     maps = dict(material(64, 32))
     maps["roughness"] = (maps["roughness"][::2, ::2].astype(np.uint16) * 257) + 100
@@ -323,6 +340,7 @@ def test_engines_load_what_the_command_writes(tmp_path: Path, monkeypatch: pytes
         (["notes.glb", "out.glb"], "notes.glb cannot be read"),
         (["in.glb", "out.glb", "--method", "magic"], 'unknown method "magic": expected neural, linear, lean'),
         (["in.glb", "out.glb", "--sampler", "cubic"], 'unknown sampler "cubic"'),
+        (["in.glb", "out.glb", "--threads", "two"], "threads is NaN: expected a whole number of at least 1"),
         (["in.glb", "out.glb", "--sizes", "3"], "Unknown option '--sizes'"),
         (["bare.glb", "out.glb"], "bare.glb has no material to bake"),
         (["torn.glb", "out.glb"], "cannot be decoded"),
@@ -389,12 +407,16 @@ def test_browsers_bake_the_same(page: Any, tmp_path: Path) -> None:
             const maps = {};
             for (const [name, [height, width, channels, values]] of Object.entries(given))
                 maps[name] = { data: Uint8Array.from(values), width, height, channels };
-            return (await bake(maps)).stored.map(({ data }) => [...data]);
+            const found = [];
+            for (const threads of [1, 3]) found.push(await bake(maps, { threads }));
+            return found.map(({ stored }) => stored.map(({ data }) => [...data]));
         }""",
         given,
     )
-    for level, values in zip(wanted, found, strict=True):
-        assert np.array_equal(level.ravel(), np.array(values, np.float32))
+    for each in found:
+        for level, values in zip(wanted, each, strict=True):
+            assert np.array_equal(level.ravel(), np.array(values, np.float32))
+    assert len(page.workers) == 0
 
 
 def test_browsers_decode_images_without_changing_them(page: Any, tmp_path: Path) -> None:

@@ -1,7 +1,7 @@
 import type { Transform } from '@gltf-transform/core';
 import type { Options } from './index.d.ts';
 
-export interface MipbakeOptions extends Pick<Options, 'method' | 'filter' | 'sampler' | 'assets' | 'onProgress'> {
+export interface MipbakeOptions extends Pick<Options, 'method' | 'filter' | 'sampler' | 'threads' | 'assets' | 'onProgress'> {
     /** The function of the package `sharp`, as the transforms of glTF-Transform take it. Left out: `sharp` in Node.js,
      * else the decoder of the browser. */
     encoder?: unknown;

@@ -72,6 +72,9 @@ export interface Options {
     alphaCutoff?: number;
     /** Sides are enlarged to multiples of this number; 4 is what textures of blocks in glTF need. Default 1. */
     multipleOf?: number;
+    /** Workers that `neural` has, 1 for none: levels are the same. Left out: up to 8, as many as there are threads of the
+     * processor and 131,072 texels each. */
+    threads?: number;
     /** Told the finished share, from 0 to 1. */
     onProgress?: (share: number) => void;
     /** Gives the bytes of a file of dist/ by its name; left out, they come from beside the package. */

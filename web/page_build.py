@@ -36,13 +36,13 @@ def assemble(site: Path = SITE) -> None:
 
 
 def imported(module: Path) -> set[Path]:
-    """A module and all that it imports from beside it."""
+    """A module, and all from beside it that it imports or starts as a worker."""
     found, left = set[Path](), [module]
     while left:
         file = left.pop()
         if file not in found:
             found.add(file)
-            names = re.findall(r"from '\./([\w.]+)'", file.read_text(encoding="utf-8"))
+            names = re.findall(r"(?:from |URL\()'\./([\w.]+)'", file.read_text(encoding="utf-8"))
             left += [module.parent / name for name in names]
     return found
 

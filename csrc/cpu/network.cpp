@@ -54,6 +54,8 @@ struct NetworkBake::State {
 
     std::shared_ptr<const Network> network;
     NetworkBakeArgs args;
+    NetworkPart part;
+    const Sink* kept = nullptr;
     std::vector<Stage> stages;
     std::vector<float> bias;
     Index latents, plane, ring_rows, encoded, done = 0;
@@ -64,13 +66,14 @@ struct NetworkBake::State {
     std::vector<std::unique_ptr<Floats>> scratch;
     Index texels_floats, filter_floats, task_floats;  // of scratch: for texels of a span, with a decoder, for any task
 
-    State(std::shared_ptr<const Network> given, const NetworkBakeArgs& a)
-        : network(std::move(given)), args(a), bias(network->padded(a.bias)) {
+    State(std::shared_ptr<const Network> given, const NetworkBakeArgs& a, const NetworkPart& p)
+        : network(std::move(given)), args(a), part(p), bias(network->padded(a.bias)) {
         const KernelNetwork& net = network->kernel;
         latents = net.moments + net.learned;
-        plane = rounded_up(args.width + 2 * args.reach, kSlack) + kTile + 2 * kSlack;
-        ring_rows = kBand + 2 * args.reach;
-        encoded = -args.reach;
+        plane = part.latents != nullptr ? latents_plane(args.width)
+                                        : rounded_up(args.width + 2 * args.reach, kSlack) + kTile + 2 * kSlack;
+        ring_rows = part.latents != nullptr ? 0 : kBand + 2 * args.reach;
+        encoded = part.latents != nullptr ? args.height + args.reach : -args.reach;
         for (Index i = 0; i < ring_rows; ++i) ring.emplace_back(latents * plane + 2 * kSlack);
         for (Index x = -args.reach - net.halo; x < args.width + args.reach + net.halo; ++x)
             columns.push_back(placed(x, args.width, args.wrap_columns));
@@ -82,6 +85,7 @@ struct NetworkBake::State {
         }
         for (int i = 0; i < args.sink_count; ++i)
             if (args.sinks[i].source >= 0) sink_of(args.sinks[i].source).feeds = true;
+        if (part.kept >= 0) kept = &sink_of(part.kept);
         texels_floats = widest * texel;
         filter_floats = texels_floats + MIPBAKE_DISPATCH(network_decode_scratch)(net, args.reach);
         task_floats = std::max(MIPBAKE_DISPATCH(network_encode_scratch)(net),
@@ -121,6 +125,11 @@ struct NetworkBake::State {
         return rest < 0 ? rest + size : rest;
     }
 
+    // A row of latents of level 0, from its first texel on.
+    const float* source_row(Index row) const {
+        return part.latents != nullptr ? part.latents + row * latents * plane : ring_row(row) + args.reach;
+    }
+
     float* ring_row(Index row) const {
         const Index at = (row + args.reach) % ring_rows;
         return ring[static_cast<std::size_t>(at)].data() + rounded_up(args.reach, kSlack) - args.reach;
@@ -156,6 +165,9 @@ struct NetworkBake::State {
 
     // Level 0.
     void decode(Index begin, Index end, std::vector<Task>& tasks) const {
+        begin = std::max(begin, part.begin);
+        end = std::min(end, part.end);
+        if (begin >= end) return;
         const auto rows = std::make_shared<std::vector<const float*>>();  // around the first row and on
         for (Index y = begin - args.reach; y < end + args.reach; ++y) rows->push_back(ring_row(y));
         for (Index y = begin; y < end; ++y)
@@ -169,7 +181,7 @@ struct NetworkBake::State {
                                           args.reach,
                                           static_cast<int>(std::min<Index>(kChunk, args.width - from)),
                                           bias.data(),
-                                          args.top + (y * args.width + from) * network->kernel.channels};
+                                          args.top + ((y - part.begin) * args.width + from) * network->kernel.channels};
                     MIPBAKE_DISPATCH(network_top)(network->kernel, tile, memory);
                 });
     }
@@ -221,6 +233,9 @@ struct NetworkBake::State {
         MIPBAKE_DISPATCH(network_transpose)(sums, span.columns, latents + sink.detail, span.columns, memory, texel);
         const AxisWeights& axis = sink.args.columns;
         const Index at = span.begin * axis.taps, place = static_cast<Index>(row.row) * axis.n + span.begin;
+        float* const latents_at = &sink == kept     ? part.out + row.row * latents * sink.latents_plane
+                                  : row.latents < 0 ? nullptr
+                                                    : sink.latents.at(row.latents);
         const AcrossTile tile = {memory,
                                  texel,
                                  sink.at.data() + at,
@@ -230,7 +245,7 @@ struct NetworkBake::State {
                                  static_cast<int>(span.end - span.begin),
                                  sink.bias.data(),
                                  sink.decoded() ? sink.args.out + place * net.channels : nullptr,
-                                 row.latents < 0 ? nullptr : sink.latents.at(row.latents) + span.begin,
+                                 latents_at == nullptr ? nullptr : latents_at + span.begin,
                                  sink.latents_plane};
         MIPBAKE_DISPATCH(network_across)(net, tile, memory + texels_floats);
     }
@@ -255,7 +270,7 @@ struct NetworkBake::State {
             const int source = stage.sink.args.source;
             if (source < 0) {
                 const auto band = [&](auto&& take) {
-                    for (Index y = begin; y < end; ++y) take(y, ring_row(y) + args.reach);
+                    for (Index y = begin; y < end; ++y) take(y, source_row(y));
                 };
                 add(stage, plane, band, tasks);
                 continue;
@@ -284,11 +299,18 @@ struct NetworkBake::State {
 };
 
 NetworkBake::NetworkBake(std::shared_ptr<const Network> network, const NetworkBakeArgs& args)
-    : state_(std::make_unique<State>(std::move(network), args)) {}
+    : NetworkBake(std::move(network), args, {0, args.height, nullptr, -1, nullptr}) {}
+
+NetworkBake::NetworkBake(std::shared_ptr<const Network> network, const NetworkBakeArgs& args, const NetworkPart& part)
+    : state_(std::make_unique<State>(std::move(network), args, part)) {}
 
 NetworkBake::~NetworkBake() = default;
 
 std::int64_t NetworkBake::rows_done() const { return state_->done; }
+
+std::int64_t NetworkBake::row_floats(const Network& network, std::int64_t n) {
+    return (network.kernel.moments + network.kernel.learned) * latents_plane(n);
+}
 
 void NetworkBake::advance() {
     if (state_->done < state_->args.height) state_->advance();

@@ -59,7 +59,7 @@ Sink::Sink(const NetworkSink& given, Index height, Index width, Index latent, In
            std::vector<float> own_bias)
     : args(given),
       detail(given.out != nullptr ? further : 0),
-      latents_plane(rounded_up(given.columns.n, kSlack) + kSlack),
+      latents_plane(mipbake::latents_plane(given.columns.n)),
       bias(std::move(own_bias)),
       spans(spans_of(given.columns, width, latent + detail, at)),
       sums(floats_of(spans, latent + detail)),

@@ -9,6 +9,9 @@
 
 namespace mipbake {
 
+// Floats from channel to channel of a row of n latents.
+constexpr std::int64_t latents_plane(std::int64_t n) { return rounded_up(n, kSlack) + kSlack; }
+
 // Memory for rows of one size. Rows that are given back are lent again.
 class RowMemory {
   public:

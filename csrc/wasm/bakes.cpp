@@ -24,10 +24,16 @@ MIPBAKE_EXPORT(network_end) void mipbake_network_end(NetworkHandle* network) {
     const std::unique_ptr<NetworkHandle> owned(network);
 }
 
+// Floats of the latents of so many texels of a row.
+MIPBAKE_EXPORT(row_floats) std::int32_t mipbake_row_floats(const NetworkHandle* network, std::int32_t texels) {
+    return static_cast<std::int32_t>(mipbake::NetworkBake::row_floats(**network, texels));
+}
+
 // What the arguments point to must live until bake_end, but for the network.
 MIPBAKE_EXPORT(bake_begin)
-mipbake::NetworkBake* mipbake_bake_begin(const NetworkHandle* network, const mipbake::NetworkBakeArgs* args) {
-    return std::make_unique<mipbake::NetworkBake>(*network, *args).release();
+mipbake::NetworkBake* mipbake_bake_begin(const NetworkHandle* network, const mipbake::NetworkBakeArgs* args,
+                                         const mipbake::NetworkPart* part) {
+    return std::make_unique<mipbake::NetworkBake>(*network, *args, *part).release();
 }
 // Bakes the next rows; gives how many rows of level 0 are done.
 MIPBAKE_EXPORT(bake_advance) std::int32_t mipbake_bake_advance(mipbake::NetworkBake* bake) {

@@ -17,6 +17,7 @@ Gives the materials of a glTF file textures with baked MIP levels, as KTX2.
   --filter FILTER    ${FILTERS.join(', ')}
                      (default ${FILTERS[0]})
   --texels TEXELS    uastc or rgba8 (default uastc)
+  --threads COUNT    of the processor (default: up to 8)
   --help             this text
 
 Node.js 22.15 and later compress the textures. The Python tool mipbake reads more
@@ -28,6 +29,7 @@ const OPTIONS = {
     sampler: text,
     filter: text,
     texels: text,
+    threads: text,
     help: /** @type {const} */ ({ type: 'boolean' }),
 };
 
@@ -70,7 +72,12 @@ async function main() {
     /** @type {string[]} */
     const names = [];
     await document.transform(
-        mipbake({ ...values, onProgress: shown, onBaked: (/** @type {string[]} */ own) => names.push(...own) }),
+        mipbake({
+            ...values,
+            threads: values.threads && Number(values.threads),
+            onProgress: shown,
+            onBaked: (/** @type {string[]} */ own) => names.push(...own),
+        }),
     );
     progress('');
     const total = document.getRoot().listMaterials().length;

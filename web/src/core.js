@@ -73,6 +73,7 @@ const megabytes = (bytes) => `${Math.ceil(bytes / 2 ** 20)} MB`;
 export class Core {
     /** @param {WebAssembly.Module} module */
     constructor(module) {
+        this.module = module;
         const refuse = () => 52; // ENOSYS: nothing is written anywhere
         const system = { fd_close: refuse, fd_seek: refuse, fd_write: refuse };
         /** @type {any} */

@@ -7,6 +7,7 @@ import { MipbakeError } from './errors.js';
 import { bake, FILTERS, ktx2, METHODS } from './index.js';
 import { materialOf } from './gltf_material.js';
 import { oneOf } from './pixel_filter.js';
+import { checkThreads } from './workers.js';
 import { samplerOf } from './sampler.js';
 import { rangesOf } from './textures.js';
 
@@ -16,7 +17,7 @@ import { rangesOf } from './textures.js';
 /** @typedef {import('./gltf_material.js').Part} Part */
 
 const OWN = ['encoder', 'texels', 'onProgress', 'onBaked'];
-const TAKEN = ['method', 'filter', 'sampler', 'assets'];
+const TAKEN = ['method', 'filter', 'sampler', 'threads', 'assets'];
 
 /**
  * Bakes the materials of a document; `gltf_transform.d.ts` describes the options.
@@ -30,6 +31,7 @@ export function mipbake(options = {}) {
     oneOf('filter', options.filter ?? FILTERS[0], FILTERS);
     oneOf('kind of texels', texels, ['uastc', 'rgba8']);
     samplerOf(options.sampler ?? 'trilinear');
+    checkThreads(options.threads);
     const taken = Object.fromEntries(TAKEN.map((name) => [name, options[name]]));
 
     return named('mipbake', async (/** @type {Document} */ document) => {

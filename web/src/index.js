@@ -4,13 +4,15 @@ import { CLOSED_FORMS } from './closed_forms.js';
 import { Core, packaged } from './core.js';
 import { agreeing, untangled } from './directions.js';
 import { MipbakeError } from './errors.js';
+import { networkLevels } from './levels.js';
 import { encoded, MAPS, readMaps } from './maps.js';
 import { CHANNELS, convert, regularise } from './models.js';
-import { networkLevels, networkNamed } from './network.js';
+import { networkNamed } from './network.js';
 import { cover, filled, keepingCoverage } from './opacity.js';
 import { FILTERS, filteredLevels, oneOf } from './pixel_filter.js';
 import { samplerOf } from './sampler.js';
 import { ktx2 } from './textures.js';
+import { checkThreads } from './workers.js';
 
 export { FILTERS, ktx2, MipbakeError };
 
@@ -31,6 +33,7 @@ const DEFAULTS = {
     normalConvention: 'opengl',
     alphaCutoff: /** @type {number | undefined} */ (undefined),
     multipleOf: 1,
+    threads: /** @type {number | undefined} */ (undefined),
     onProgress: /** @type {((share: number) => void) | undefined} */ (undefined),
     assets: packaged,
 };
@@ -64,6 +67,7 @@ export async function bake(maps, options = {}) {
     if (!Number.isInteger(asked.multipleOf) || asked.multipleOf < 1) {
         throw new MipbakeError(`multipleOf is ${asked.multipleOf}: expected a whole number of at least 1`);
     }
+    checkThreads(asked.threads);
     const material = readMaps(maps, wrap, asked.normalConvention, asked.multipleOf);
     const source = material.shading.anisotropy ? 'gltf-anisotropic' : 'gltf';
     const target = /** @type {import('../index.d.ts').Target} */ (chosen === 'auto' ? source : chosen);
@@ -79,7 +83,7 @@ export async function bake(maps, options = {}) {
         const network = await networkNamed(asked.assets, weights);
         const lookup = { kernel: filter, sampler };
         const shown = (/** @type {number} */ share) => progress(0.95 * share);
-        levels = await networkLevels(core, network, convert(stored, source, read), lookup, wrap, shown);
+        levels = await networkLevels(core, network, convert(stored, source, read), lookup, wrap, asked.threads, shown);
         if (makes !== target) {
             levels = levels.map((level) => convert(level, makes, target));
             levels.forEach(regularise);

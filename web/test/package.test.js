@@ -1,4 +1,5 @@
 import assert from 'node:assert/strict';
+import { EventEmitter } from 'node:events';
 import { test } from 'node:test';
 
 import { bake, FILTERS, ktx2, MipbakeError } from '../src/index.js';
@@ -157,6 +158,7 @@ const WRONG = [
     ],
     ['an unknown filter', { roughness: rough }, { filter: 'cubic' }, /unknown filter "cubic": expected gaussian/],
     ['an unknown wrap', { roughness: rough }, { wrap: 'mirror' }, /unknown wrap "mirror": expected wrap, clamp/],
+    ['half a thread', { roughness: rough }, { threads: 0.5 }, /threads is 0.5: expected a whole number/],
     ['a cutoff of 0', { roughness: rough }, { alphaCutoff: 0 }, /alphaCutoff is 0/],
 ];
 for (const [what, maps, options, says] of WRONG) {
@@ -169,6 +171,50 @@ for (const [what, maps, options, says] of WRONG) {
         });
     });
 }
+
+const node = /** @type {any} */ (process.getBuiltinModule('node:worker_threads'));
+const own = node.Worker;
+
+/** @param {any} kind of workers that a bake of three parts finds; gives the stack and how many were started */
+async function byThree(kind) {
+    let started = 0;
+    const construct = (/** @type {any} */ of, /** @type {any[]} */ given) => (started++, Reflect.construct(of, given));
+    node.Worker = new Proxy(kind, { construct });
+    try {
+        return { ...(await bake({ normal: bumpy, roughness: rough }, { threads: 3 })), started };
+    } finally {
+        node.Worker = own;
+    }
+}
+
+class Refused {
+    constructor() {
+        throw new Error('no threads are left');
+    }
+}
+
+class Missing extends own {
+    constructor() {
+        super('./no_such_file.js');
+    }
+}
+
+class Broken extends EventEmitter {
+    postMessage() {
+        queueMicrotask(() => this.emit('message', { error: { message: 'the maps do not fit', known: true } }));
+    }
+    terminate() {}
+}
+
+test('workers bake parts, or the caller where none starts', async () => {
+    const wanted = await bake({ normal: bumpy, roughness: rough }, { threads: 1 });
+    for (const kind of [own, Refused, Missing]) {
+        const { stored, started } = await byThree(kind);
+        assert.deepEqual(stored, wanted.stored);
+        assert.equal(started, 3);
+    }
+    await assert.rejects(byThree(Broken), (error) => error instanceof MipbakeError && /do not fit/.test(error.message));
+});
 
 test('files of the package that are missing are named', async () => {
     const assets = async (/** @type {string} */ name) => {
