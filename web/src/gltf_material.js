@@ -1,8 +1,8 @@
 // What of a material of glTF-Transform is baked, and where it goes. mipbake/source/gltf has the same rules in Python.
 
 import { MipbakeError } from './errors.js';
-import { toLinear } from './maps.js';
 import { decodedNormals } from './normals.js';
+import { toLinear } from './srgb.js';
 
 /** @typedef {import('@gltf-transform/core').Material} Material */
 /** @typedef {import('@gltf-transform/core').Texture} Texture */

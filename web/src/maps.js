@@ -5,6 +5,7 @@ import { MipbakeError } from './errors.js';
 import { clamp } from './models.js';
 import { decodedNormals } from './normals.js';
 import { oneOf, addressed } from './pixel_filter.js';
+import { toByte, toEncoded, toLinear } from './srgb.js';
 
 /** @typedef {import('./pixel_filter.js').Image} Image */
 /** @typedef {import('./pixel_filter.js').Wrap} Wrap */
@@ -40,28 +41,24 @@ const PLAIN = ['occlusion', 'emissive', 'height', 'opacity'];
 /** Values of maps that may be left out. @type {Record<string, number[]>} */
 const DEFAULTS = { baseColor: [0.5, 0.5, 0.5], normal: [0, 0, 1], metallic: [0] };
 
-/**
- * @param {number} value encoded in sRGB, from 0 to 1
- */
-export function toLinear(value) {
-    return value <= 0.04045 ? value / 12.92 : ((value + 0.055) / 1.055) ** 2.4;
-}
-
-/** @param {number} value linear */
-function toEncoded(value) {
-    return value <= 0.0031308 ? 12.92 * value : 1.055 * value ** (1 / 2.4) - 0.055;
-}
-
 /** @param {Texels} data 0 for floating-point numbers */
 const topOf = (data) => (data instanceof Float32Array ? 0 : data instanceof Uint16Array ? 65535 : 255);
 
-/** @type {Map<number, Float32Array>} */
+/** @type {Map<string, Float32Array>} */
 const tables = new Map();
 
-/** @param {number} top */
-function linearTable(top) {
-    const known = tables.get(top) ?? Float32Array.from({ length: top + 1 }, (_, i) => toLinear(i / top));
-    tables.set(top, known);
+/**
+ * What integers of files stand for.
+ * @param {number} top
+ * @param {Piece['encoding']} encoding
+ */
+function tableOf(top, encoding) {
+    const key = `${encoding} ${top}`;
+    const scale = f(1 / top);
+    const value = (/** @type {number} */ i) =>
+        encoding === 'colour' ? toLinear(i / top) : encoding === 'unit' ? i * scale : f(f(i * scale) * 2) - 1;
+    const known = tables.get(key) ?? Float32Array.from({ length: top + 1 }, (_, i) => value(i));
+    tables.set(key, known);
     return known;
 }
 
@@ -113,10 +110,11 @@ function decoded(name, map, role, places, down) {
     const { data, width, height, channels } = map;
     const texels = width * height;
     const top = topOf(data);
-    const scale = f(1 / top);
-    const unit = (/** @type {number} */ i, /** @type {number} */ c) =>
-        top ? f(data[i * channels + places[c]] * scale) : data[i * channels + places[c]];
-    const vector = (/** @type {number} */ i, /** @type {number} */ c) => (top ? f(f(unit(i, c) * 2) - 1) : unit(i, c));
+    const [units, vectors] = top ? [tableOf(top, 'unit'), tableOf(top, 'signed')] : [];
+    const stored = (/** @type {number} */ i, /** @type {number} */ c) => data[i * channels + places[c]];
+    const unit = (/** @type {number} */ i, /** @type {number} */ c) => (units ? units[stored(i, c)] : stored(i, c));
+    const vector = (/** @type {number} */ i, /** @type {number} */ c) =>
+        vectors ? vectors[stored(i, c)] : stored(i, c);
     if (role === 'normal') {
         if (channels < 2) {
             throw new MipbakeError(`${name} has one channel: expected a normal map with red, green and blue`);
@@ -138,14 +136,11 @@ function decoded(name, map, role, places, down) {
         return { data: out, width, height, channels: 3 };
     }
     const count = MAPS[role].filter((piece) => piece.role === role).length;
-    const table = top && MAPS[role][0].encoding === 'colour' ? linearTable(top) : undefined;
+    const table = top ? tableOf(top, MAPS[role][0].encoding) : undefined;
     const out = new Float32Array(count * texels);
-    for (let i = 0; i < texels; i++) {
-        for (let c = 0; c < count; c++) {
-            const place = places[c] ?? places[0]; // grey fills all colours
-            const value = data[i * channels + place];
-            out[i * count + c] = table ? table[value] : top ? value * scale : value;
-        }
+    for (let c = 0; c < count; c++) {
+        let at = places[c] ?? places[0]; // grey fills all colours
+        for (let to = c; to < out.length; to += count, at += channels) out[to] = table ? table[data[at]] : data[at];
     }
     if (!top && role !== 'height') checkRange(name, out, role === 'emissive' ? Infinity : 1);
     return { data: out, width, height, channels: count };
@@ -373,14 +368,15 @@ function toSize(image, width, height, wrap, role) {
 export function encoded({ pieces, top, down }, images) {
     const { width, height } = images[pieces[0].role];
     const channels = pieces.length;
-    const texels = width * height;
-    const data = new (top === 0 ? Float32Array : top === 255 ? Uint8Array : Uint16Array)(texels * channels);
+    const data = new (top === 0 ? Float32Array : top === 255 ? Uint8Array : Uint16Array)(width * height * channels);
     pieces.forEach(({ role, index, encoding }, place) => {
-        const image = images[role];
+        const { data: from, channels: step } = images[role];
         const sign = down && index === 1 ? -1 : 1;
-        for (let i = 0; i < texels; i++) {
-            const value = sign * image.data[i * image.channels + index];
-            data[i * channels + place] = top ? Math.floor(clamp(fileValue(value, encoding), 0, 1) * top + 0.5) : value;
+        const bytes = top === 255 && encoding === 'colour';
+        for (let to = place, at = index; to < data.length; to += channels, at += step) {
+            if (!top) data[to] = sign * from[at];
+            else if (bytes) data[to] = toByte(from[at]);
+            else data[to] = clamp(fileValue(sign * from[at], encoding), 0, 1) * top + 0.5; // rounded down by the array
         }
     });
     return { data, width, height, channels };

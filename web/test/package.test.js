@@ -5,6 +5,7 @@ import { test } from 'node:test';
 import { bake, FILTERS, ktx2, MipbakeError } from '../src/index.js';
 import { resampleWeights } from '../src/pixel_filter.js';
 import { samplerOf } from '../src/sampler.js';
+import { toByte, toEncoded, toLinear } from '../src/srgb.js';
 
 /** @param {number} side @param {number} channels @param {(x: number, y: number, c: number) => number} value */
 function map(side, channels, value) {
@@ -171,6 +172,19 @@ for (const [what, maps, options, says] of WRONG) {
         });
     });
 }
+
+test('bytes of colours are their rounded encoding', () => {
+    const value = new Float32Array(1);
+    const bits = new Int32Array(value.buffer);
+    const check = () => assert.equal(toByte(value[0]), Math.floor(toEncoded(value[0]) * 255 + 0.5), `${value[0]}`);
+    for (let byte = 1; byte < 256; byte++) {
+        value[0] = toLinear((byte - 0.5) / 255);
+        for (bits[0] -= 20; toByte(value[0]) < byte; bits[0]++) check();
+        for (let i = 0; i < 20; i++, bits[0]++) check();
+    }
+    for (value[0] = 0; value[0] <= 1; value[0] += 0.00037) check();
+    assert.deepEqual([-1, 0, 1, 2, Infinity, NaN].map(toByte), [0, 0, 255, 255, 255, 0]);
+});
 
 const node = /** @type {any} */ (process.getBuiltinModule('node:worker_threads'));
 const own = node.Worker;
