@@ -19,7 +19,7 @@ from mipbake.cli.session import Session, plain, timings
 from mipbake.cli.sources import Sources, over_sets
 from mipbake.cli.streams import has_screen
 from mipbake.comparing.comparison import preview as baked_now
-from mipbake.comparing.page import check_report, write_report
+from mipbake.comparing.page import check_preview, write_report
 from mipbake.source.jobs import Job
 from mipbake.source.options import LoadOptions
 from mipbake.source.texture_set import TextureSet
@@ -68,7 +68,7 @@ def preview(
             folder = Path(tempfile.mkdtemp(prefix="mipbake-preview-")) / texture_set.name
         else:
             folder = out if alone else out / job.place / texture_set.name
-        check_report(folder)
+        check_preview(folder)
         with timings(session, texture_set.name, {"bake": 3, "report": 1}) as progress:
             found = baked_now(texture_set, flags.method, recipe, progress)
             found = replace(found, source=plain(job.named(texture_set.found)))

@@ -11,7 +11,7 @@ from mipbake.cli import preview
 from mipbake.cli.main import main
 
 from .command_line import fails, write_set
-from .report_cases import Page
+from .report_cases import NAMES, Page, made_up
 from .viewer_scenes import scene_of
 
 
@@ -47,6 +47,16 @@ def test_a_place_and_a_method_of_ones_own(
     assert found["page"] == str(out / "index.html")
     names = [each["name"] for each in scene_of((out / "index.html").read_text(encoding="utf-8"))["images"]]
     assert names == ["truth", "plain MIP maps", "lean (gaussian)"]
+    assert main(given) == 0  # previews replace each other
+    capsys.readouterr()
     (out / "mine.txt").write_text("keep me")
     assert "mipbake's" in fails(capsys, 4, *given[:-1])
     assert "unknown method 'best'" in fails(capsys, 2, "preview", folder, "--method", "best")
+
+
+def test_what_was_measured_is_not_replaced(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    made_up(NAMES, 16).save(tmp_path / "report")
+    before = {file: file.read_bytes() for file in (tmp_path / "report").iterdir()}
+    said = fails(capsys, 4, "preview", write_set(tmp_path / "metal"), "-o", tmp_path / "report")
+    assert "whose figures were measured" in said and said.count("\n") <= 1
+    assert before == {file: file.read_bytes() for file in (tmp_path / "report").iterdir()}

@@ -7,6 +7,6 @@ what reacts to a pointer.
 
 from __future__ import annotations
 
-from mipbake.comparing.page.writing import check_report, write_report
+from mipbake.comparing.page.writing import check_preview, check_report, write_report
 
-__all__ = ["check_report", "write_report"]
+__all__ = ["check_preview", "check_report", "write_report"]

@@ -67,18 +67,12 @@ class Verdict:
     Args:
         sentence: how the subject looks beside plain MIP maps and what to do, without figures and names of methods.
         details: what films show method by method, and decibels.
-        closed: against the best closed form of each scale and pair set; linear: against `linear (box)`.
         paired: whether all intervals are of differences over the same pairs.
-        seen_closed: against the best closed form of each film; seen_linear: against `linear (box)` in each film.
     """
 
     sentence: str
     details: str
-    closed: tuple[Difference, ...]
-    linear: tuple[Difference, ...]
     paired: bool
-    seen_closed: tuple[Difference, ...]
-    seen_linear: tuple[Difference, ...]
 
 
 def verdict(comparison: Comparison) -> Verdict:
@@ -95,12 +89,11 @@ def verdict(comparison: Comparison) -> Verdict:
     for name, differences in ((against, best), (LINEAR, linear if names != {LINEAR} else ())):
         if differences:
             clauses.append(f"{'it' if clauses else subject} {_in_decibels(name, differences)}")
-    films = _against(comparison, _judged(comparison))
-    looks = _in_films(subject, *films)
+    looks = _in_films(subject, *_against(comparison, _judged(comparison)))
     lead = f"{looks} In decibels of SNR under single lights, " if looks else ""
     details = f"{lead}{'; '.join(clauses)}." if clauses else looks or _alone(comparison)
     details = details or f"Nothing was measured that {subject} could be compared by."
-    return Verdict(_for_artists(comparison), details, best, linear, any(f.measure == SNR_GAIN for f in found), *films)
+    return Verdict(_for_artists(comparison), details, any(f.measure == SNR_GAIN for f in found))
 
 
 # ---- in words

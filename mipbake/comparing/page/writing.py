@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from mipbake.base import json_text
+from mipbake.base.errors import OutputError
 from mipbake.base.publish import check_place, published
 from mipbake.base.version import __version__
 from mipbake.comparing.page.document import RESULTS, document
@@ -64,6 +65,16 @@ def write_report(
 def check_report(folder: Path) -> None:
     """Raises OutputError when a report cannot be written to a folder; leaves nothing there. For before long work."""
     check_place(folder, is_report)
+
+
+def check_preview(folder: Path) -> None:
+    """The same before a report without figures is written, which must not take the place of one that has some."""
+    check_report(folder)
+    if is_report(folder) and json_text.parsed((folder / RESULTS).read_bytes()).get("figures"):
+        raise OutputError(
+            f"{folder} has a report whose figures were measured, and a preview would replace it: choose another "
+            "folder, or remove it"
+        )
 
 
 def is_report(folder: Path) -> bool:
