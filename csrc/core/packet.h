@@ -1,6 +1,7 @@
 // Packets: N numbers of one type that a kernel treats as one number. N is the number of 32-bit lanes of the instruction
 // set, so a packet of float is one register and one of double two (or N half of that for kernels in double throughout).
-// Built on the vector extensions of GCC and Clang; other compilers get packets of one lane.
+// Built on the vector extensions of GCC and Clang; other compilers, and WebAssembly without SIMD, get packets of one
+// lane.
 #pragma once
 
 #include <cstdint>
@@ -10,7 +11,7 @@
 
 #include "core/real.h"
 
-#if defined(__GNUC__) && !defined(__CUDACC__)
+#if defined(__GNUC__) && !defined(__CUDACC__) && (!defined(__wasm__) || defined(__wasm_simd128__))
 #define MIPBAKE_VECTORS
 #if defined(__x86_64__)
 #include <immintrin.h>

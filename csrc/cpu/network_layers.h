@@ -27,11 +27,11 @@ constexpr int kPackets = 3;
 #endif
 
 MIPBAKE_INLINE T load(const float* at) {
-    if constexpr (lanes == 1) {
-        return T(*at);
-    } else {
-        return T::load(at);
-    }
+#ifdef MIPBAKE_VECTORS
+    return T::load(at);
+#else
+    return *at;
+#endif
 }
 
 template <int P>

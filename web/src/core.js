@@ -34,6 +34,7 @@ export function once(assets, name, make) {
  */
 const FILES = {
     'bakes.wasm': () => new URL('../dist/bakes.wasm', import.meta.url),
+    'bakes-scalar.wasm': () => new URL('../dist/bakes-scalar.wasm', import.meta.url),
     'mipbake-3.json': () => new URL('../dist/mipbake-3.json', import.meta.url),
     'mipbake-3.safetensors': () => new URL('../dist/mipbake-3.safetensors', import.meta.url),
     'mipbake-3-anisotropic.json': () => new URL('../dist/mipbake-3-anisotropic.json', import.meta.url),
@@ -69,6 +70,12 @@ export async function packaged(name) {
 /** @param {number} bytes */
 const megabytes = (bytes) => `${Math.ceil(bytes / 2 ** 20)} MB`;
 
+/** A module with one function, of one packet: engines before 2023 take none. */
+// prettier-ignore
+const SIMD = new Uint8Array([
+    0, 97, 115, 109, 1, 0, 0, 0, 1, 5, 1, 96, 0, 1, 123, 3, 2, 1, 0, 10, 8, 1, 6, 0, 65, 0, 253, 15, 11,
+]);
+
 /** One instance of the module, and what it was lent. A fault ends it, so every job takes one of its own. */
 export class Core {
     /** @param {WebAssembly.Module} module */
@@ -83,7 +90,8 @@ export class Core {
 
     /** @param {Assets} assets */
     static async of(assets) {
-        return new Core(await once(assets, 'bakes.wasm', (bytes) => WebAssembly.compile(/** @type {any} */ (bytes))));
+        const name = WebAssembly.validate(SIMD) ? 'bakes.wasm' : 'bakes-scalar.wasm';
+        return new Core(await once(assets, name, (bytes) => WebAssembly.compile(/** @type {any} */ (bytes))));
     }
 
     /**

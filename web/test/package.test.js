@@ -2,6 +2,7 @@ import assert from 'node:assert/strict';
 import { EventEmitter } from 'node:events';
 import { test } from 'node:test';
 
+import { packaged } from '../src/core.js';
 import { bake, FILTERS, ktx2, MipbakeError } from '../src/index.js';
 import { resampleWeights } from '../src/pixel_filter.js';
 import { samplerOf } from '../src/sampler.js';
@@ -172,6 +173,25 @@ for (const [what, maps, options, says] of WRONG) {
         });
     });
 }
+
+test('engines without SIMD bake the same but for rounding', async () => {
+    const [own, maps, options] = [WebAssembly.validate, { normal: bumpy, roughness: rough }, { threads: 1 }];
+    const wanted = await bake(maps, options);
+    /** @type {string[]} */
+    const names = [];
+    const assets = (/** @type {string} */ name) => (names.push(name), packaged(name));
+    WebAssembly.validate = () => false;
+    try {
+        const { stored } = await bake(maps, { ...options, assets });
+        stored.forEach(({ data }, level) =>
+            data.forEach((value, i) => assert.ok(Math.abs(value - wanted.stored[level].data[i]) < 2e-5)),
+        );
+        assert.deepEqual(await ktx2(wanted, 'normal', { assets }), await ktx2(wanted, 'normal'));
+    } finally {
+        WebAssembly.validate = own;
+    }
+    assert.ok(names.includes('bakes-scalar.wasm') && !names.includes('bakes.wasm'), names.join());
+});
 
 test('bytes of colours are their rounded encoding', () => {
     const value = new Float32Array(1);
