@@ -1,4 +1,5 @@
-"""The npm package beside the native core on one thread: bytes, processor time, and how far their levels are apart.
+"""The npm package beside the native core on one thread: bytes, processor time, how far their levels are apart, and what
+two workers change of the time that passes.
 
 python benchmarks/web.py [--size 1024] [--rounds 3] [--results FILE]     after python web/build.py
 """
@@ -33,10 +34,12 @@ for (const [name, channels] of [['baseColor', 3], ['normal', 3], ['roughness', 1
     const data = new Uint8Array(readFileSync(`${process.argv[1]}/${name}`));
     maps[name] = { data, width: size, height: size, channels };
 }
-const before = process.cpuUsage(), stack = await bake(maps), { user, system } = process.cpuUsage(before);
+const started = performance.now(), before = process.cpuUsage();
+const stack = await bake(maps, { threads: %(threads)d });
+const { user, system } = process.cpuUsage(before), wall = performance.now() - started;
 const levels = stack.stored.map(({ data }) => Buffer.from(data.buffer, data.byteOffset, data.byteLength));
 writeFileSync(`${process.argv[1]}/levels`, Buffer.concat(levels));
-console.log((user + system) / 1e6);
+console.log((user + system) / 1e6, wall / 1e3);
 """
 
 
@@ -46,6 +49,7 @@ def main() -> None:
     _native.set_num_threads(1)
     made = generate.quantised(generate.SETS["lacquered_leather"](options.size, options.size))
     seconds: dict[str, list[float]] = {"node": [], "native": []}
+    walls: dict[int, list[float]] = {1: [], 2: []}
     with tempfile.TemporaryDirectory() as scratch:
         generate.store(made, Path(scratch) / "leather")
         texture_set = mipbake.load(Path(scratch) / "leather")
@@ -56,30 +60,41 @@ def main() -> None:
             ("metallic", "metallic"),
         ):
             (Path(scratch) / name).write_bytes(_bytes(Path(scratch) / "leather", role).tobytes())
-        script = _NODE % {"package": (WEB / "src" / "index.js").as_uri(), "size": options.size}
         for _ in range(options.rounds):
             before = time.process_time()
             stack = mipbake.bake(texture_set, "neural")
             seconds["native"].append(time.process_time() - before)
-            ran = subprocess.run(
-                ["node", "--input-type=module", "-e", script, scratch], check=True, capture_output=True, text=True
-            )
-            seconds["node"].append(float(ran.stdout))
+            for threads, wall in walls.items():
+                processor, passed = _in_node(scratch, options.size, threads)
+                wall.append(passed)
+                seconds["node"] += [processor] if threads == 1 else []
         theirs = np.fromfile(Path(scratch) / "levels", np.float32)
     ours = np.concatenate([level.ravel() for level in stack.levels])
     found = {
         "bytes": {
             "core": _packed(WEB / "dist" / "bakes.wasm"),
+            "core without SIMD": _packed(WEB / "dist" / "bakes-scalar.wasm"),
             "weights": _packed(WEB / "dist" / "mipbake-3.safetensors"),
             "script": sum(_packed(path) for path in imported(WEB / "src" / "index.js")),
         },
         "size": options.size,
         "seconds": {name: float(np.median(each)) for name, each in seconds.items()},
+        "two workers": float(np.median(walls[2]) / np.median(walls[1])),
         "largest difference": float(np.abs(ours - theirs).max()),
     }
     print(json.dumps(found, indent=2))
     if options.results:
         options.results.write_text(json.dumps(found), encoding="utf-8")
+
+
+def _in_node(scratch: str, size: int, threads: int) -> tuple[float, float]:
+    """Seconds of processor time of a bake, and seconds that pass."""
+    script = _NODE % {"package": (WEB / "src" / "index.js").as_uri(), "size": size, "threads": threads}
+    ran = subprocess.run(
+        ["node", "--input-type=module", "-e", script, scratch], check=True, capture_output=True, text=True
+    )
+    processor, passed = map(float, ran.stdout.split())
+    return processor, passed
 
 
 def _packed(path: Path) -> int:
