@@ -1,4 +1,5 @@
-// In place of core/parallel.cpp: a module of WebAssembly runs on one thread. Pages hand tiles to workers instead.
+// In place of core/parallel.cpp: a module of WebAssembly runs on one thread. The npm package hands parts of a bake to
+// workers instead.
 #include <algorithm>
 
 #include "core/parallel.h"
