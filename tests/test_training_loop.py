@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import dataclasses
-import re
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -29,7 +29,9 @@ from .small_training import SMALL, tiny, train
 
 torch.set_num_threads(1)  # small tensors: a second thread costs more than it brings, above all beside other processes
 
-CONFIGS = Path(__file__).resolve().parent.parent / "training" / "configs"
+ROOT = Path(__file__).resolve().parent.parent
+CONFIGS = ROOT / "training" / "configs"
+CARDS = ROOT / "benchmarks" / "records" / "cards.json"
 
 
 # The loop
@@ -121,10 +123,11 @@ def test_an_untrained_network_scores_like_averaging() -> None:
     state = loop.new_state(config)
     loop.fit_whitening(state.network, materials, config)
     score = Validator(held_out, config.network, "gaussian", SMALL).score(state.network)
-    assert score.network.shape == (1, *score.linear.shape)
+    assert score.network.shape == score.baselines["lean"].shape
     # Level 0 is the input in both.
-    np.testing.assert_allclose(score.network[0, :, 0], score.linear[:, 0], atol=0.5)
-    assert score.columns().keys() == {f"{m} {s}" for m in ("network", "linear") for s in ("near-mirror", "hemisphere")}
+    np.testing.assert_allclose(score.network[..., 0], score.baselines["linear"][..., 0], atol=0.5)
+    methods = ("network", "linear", "lean")
+    assert score.columns().keys() == {f"{m} {s}" for m in methods for s in ("near-mirror", "hemisphere")}
 
 
 def test_tensorboard_gets_the_same_figures(tmp_path: Path) -> None:
@@ -146,8 +149,9 @@ def test_exported_weights_bake_like_the_training(tmp_path: Path) -> None:
     state = train(tiny(), tmp_path / "run", resume=False)
     info = export_weights(tmp_path / "run" / "last.pt", "tiny-1", tmp_path / "weights", default=True)
     last = (tmp_path / "run" / "validation.csv").read_text(encoding="utf-8").splitlines()[-1].split(",")
-    validated = re.search(r"mean SNR (\S+) dB", (tmp_path / "weights" / "tiny-1.md").read_text(encoding="utf-8"))
-    assert validated and float(validated[1]) == pytest.approx((float(last[1]) + float(last[2])) / 2, abs=0.01)
+    written = (tmp_path / "weights" / "tiny-1.md").read_text(encoding="utf-8")
+    cells = [f"{float(last[at]):.2f} / {float(last[at + 1]):.2f}" for at in (1, 3, 5)]
+    assert f"| `gltf` | {' | '.join(cells)} |" in written  # the network, plain averages, LEAN
     assert default_weights("gltf", folder=tmp_path / "weights") == info
     assert info.steps == 6
     stored = procedural_set(7, 32)
@@ -156,9 +160,8 @@ def test_exported_weights_bake_like_the_training(tmp_path: Path) -> None:
         bake_levels(load_network(info), stored, wrap), bake_levels(state.average, stored, wrap), strict=True
     ):
         np.testing.assert_allclose(left, right, atol=1e-6)
-    card = (tmp_path / "weights" / "tiny-1.md").read_text()
-    assert info.sha256 in card
-    assert "CC0-1.0" in card
+    assert info.sha256 in written
+    assert "CC0-1.0" in written
     with pytest.raises(UsageError, match=r"tiny-1 are the default weights for material model 'gltf'"):
         export_weights(tmp_path / "run" / "last.pt", "tiny-2", tmp_path / "weights", default=True)
     assert sorted(path.name for path in (tmp_path / "weights").iterdir()) == [
@@ -174,15 +177,18 @@ def test_exported_weights_bake_like_the_training(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("info", list_weights(), ids=lambda info: info.name)
 def test_released_cards_say_what_an_export_says(info: WeightsInfo) -> None:
+    """With the validation of the record `cards`, which is of these weights; none lacks its averages."""
     config = read_config(CONFIGS / f"{info.name}.toml")
-    text = info.tensors.with_suffix(".md").read_text(encoding="utf-8")
-    validated = re.search(r"mean SNR (\S+) dB", text)  # the one figure that stands nowhere else
-    assert validated and config.network == info.network
+    assert config.network == info.network
+    measured = json.loads(CARDS.read_text(encoding="utf-8"))["data"][info.name]
+    assert measured["sha256"] == info.sha256, "python docs/remake.py --measure cards measures the weights of today"
     parameters = sum(value.numel() for value in load_network(info).parameters())
     described = info.network.describe()
     assert described is not None
+    text = info.tensors.with_suffix(".md").read_text(encoding="utf-8")
     exported, _, _ = text.partition("\n## ")  # what was added later has headings
-    assert exported == card(info, described, config, parameters, float(validated[1]))
+    assert exported == card(info, described, config, parameters, measured["figures"])
+    assert "plain averages by" in exported and "LEAN by" in exported
 
 
 @pytest.mark.long

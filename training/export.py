@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-import math
 import re
 from pathlib import Path
+from statistics import fmean
 
 from mipbake.base.errors import UsageError
 from mipbake.base.publish import replaced_file
@@ -14,6 +14,7 @@ from mipbake.models.architecture import Description
 from mipbake.models.registry import WEIGHTS_LICENCE, WeightsInfo, check_sole_default
 from mipbake.training.config import TrainingConfig
 from mipbake.training.loop import load_state
+from mipbake.training.validation import Figures
 
 _CARD = """# {name}
 
@@ -33,13 +34,25 @@ The trained weights of a network, for the method `neural` of mipbake.
 | Licence of the data | {data_licence} |
 | Training | {steps} steps, in each {crops} of {crop_size} x {crop_size} texels |
 | Light-view pairs | {pairs} for each patch, {drawn} |
-| Validation when exported | {validation} |
 | Revision of mipbake | {commit} |
 | Licence of the weights | {licence} |
 | SHA-256 | `{sha256}` |
 
 The weights hold no texel of the data. Levels of detail beyond {max_lod} are extrapolated: the training saw none.
+
+{validation}
 """
+
+_BASELINES = {"linear": "plain averages", "lean": "LEAN"}
+"""What cards call the closed forms that a validation measures."""
+
+_VALIDATION = """\
+Mean SNR in dB on held-out patches, near the mirror / over the hemisphere. Plain averages and LEAN, both with the box,
+are measured alike on the same patches:
+
+{table}
+
+{words}"""
 
 
 def export_weights(checkpoint: Path, name: str, folder: Path, default: bool) -> WeightsInfo:
@@ -83,7 +96,7 @@ def export_weights(checkpoint: Path, name: str, folder: Path, default: bool) -> 
     parameters = sum(value.numel() for value in state.average.parameters())
     # The description last: without it nobody finds half-written weights.
     replaced_file(info.tensors, content)
-    replaced_file(folder / f"{name}.md", card(info, described, config, parameters, state.score).encode())
+    replaced_file(folder / f"{name}.md", card(info, described, config, parameters, state.figures).encode())
     replaced_file(folder / f"{name}.json", info.to_json().encode())
     return info
 
@@ -93,7 +106,7 @@ def _listed(models: tuple[str, ...]) -> str:
     return f"{', '.join(others)} and {last}" if others else last
 
 
-def card(info: WeightsInfo, described: Description, config: TrainingConfig, parameters: int, score: float) -> str:
+def card(info: WeightsInfo, described: Description, config: TrainingConfig, parameters: int, figures: Figures) -> str:
     """The model card.
 
     Args:
@@ -101,7 +114,7 @@ def card(info: WeightsInfo, described: Description, config: TrainingConfig, para
         described: what is said of the architecture.
         config: of the training.
         parameters: how many numbers the network has.
-        score: mean SNR in dB of the last validation before; not finite where there was none.
+        figures: of the last validation before; empty where there was none.
     """
     network, loss = info.network, config.loss
     return _CARD.format(
@@ -118,9 +131,26 @@ def card(info: WeightsInfo, described: Description, config: TrainingConfig, para
         crop_size=loss.crop_size,
         pairs=loss.pairs,
         drawn=loss.drawn,
-        validation=f"mean SNR {score:.2f} dB on held-out patches" if math.isfinite(score) else "none",
+        validation=_validation(figures),
         commit=info.commit,
         licence=info.licence,
         sha256=info.sha256,
         max_lod=loss.max_lod,
     )
+
+
+def _validation(figures: Figures) -> str:
+    """The network beside closed forms, and whether it is behind one of them in the mean."""
+    if not figures:
+        return "The network was not validated."
+    names = {"network": "network", **_BASELINES}
+    rows = [["model that is made", *names.values()], ["---"] * (1 + len(names))]
+    for model, methods in figures.items():
+        rows.append([f"`{model}`", *(" / ".join(f"{snr:.2f}" for snr in methods[name]) for name in names)])
+    mean = {name: fmean(snr for methods in figures.values() for snr in methods[name]) for name in names}
+    words = []
+    for name, shown in _BASELINES.items():
+        gain = mean["network"] - mean[name]
+        words.append(f"{'ahead of' if gain >= 0 else '**behind**'} {shown} by {abs(gain):.2f} dB")
+    table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
+    return _VALIDATION.format(table=table, words=f"In the mean of its figures the network is {' and '.join(words)}.")

@@ -13,7 +13,7 @@ import time
 import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +35,7 @@ from mipbake.training.data import Materials, draw_crops, load_materials, step_ge
 from mipbake.training.optimiser import FlatAdam
 from mipbake.training.ranks import Ranks, on_processor, ranks
 from mipbake.training.recorded import RecordedSteps
-from mipbake.training.validation import ValidationEffort, Validator
+from mipbake.training.validation import Figures, ValidationEffort, Validator
 
 LAST, BEST = "last.pt", "best.pt"
 
@@ -64,7 +64,7 @@ class TrainingState:
 
     Args:
         network: being optimised. average: moving average of its weights, or the network itself without one.
-        step: steps done. score: of the last validation. best: highest one so far.
+        step: steps done. figures: of the last validation; none before it. best: highest mean of the network so far.
         recorded: makes losses and gradients on a graphics card; None on other devices.
     """
 
@@ -73,7 +73,7 @@ class TrainingState:
     average: Network
     optimiser: FlatAdam
     step: int = 0
-    score: float = float("-inf")
+    figures: Figures = field(default_factory=dict)
     best: float = float("-inf")
     commit: str = "unknown"
     recorded: RecordedSteps | None = None
@@ -106,7 +106,7 @@ class TrainingState:
             "average": self.average.state_dict(),
             "optimiser": self.optimiser.state_dict(),
             "step": self.step,
-            "score": self.score,
+            "figures": self.figures,
             "best": self.best,
             "commit": self.commit,
         }
@@ -174,7 +174,7 @@ def state_of(content: dict[str, Any], device: torch.device = _CPU) -> TrainingSt
     state.average.load_state_dict(content["average"])
     state.optimiser.load_state_dict(content["optimiser"])
     state.step, state.best, state.commit = content["step"], content["best"], content["commit"]
-    state.score = content["score"]
+    state.figures = content["figures"]
     return state
 
 
@@ -310,7 +310,7 @@ def _trained(
         logs.write("validation", state.step, score.columns())
         say("            " + "  ".join(f"{name} {value:.2f}" for name, value in score.columns().items()) + " dB")
         validator.picture(state.average, out / f"validation-{state.step:07d}.png")
-        state.score = score.total
+        state.figures = score.figures()
         if score.total > state.best:
             state.best = score.total
             state.save(out / BEST)

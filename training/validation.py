@@ -7,7 +7,9 @@ samples. The references do not depend on the network and are made once.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +17,8 @@ import torch
 from numpy.typing import NDArray
 
 from mipbake import material
+from mipbake.baking.rules.closed_form import ClosedForm
+from mipbake.baking.rules.lean import Lean
 from mipbake.baking.rules.linear import Linear
 from mipbake.base.publish import writing
 from mipbake.material.filtered_source import FilteredSource
@@ -35,6 +39,12 @@ _SEED = 20230  # not tuned
 _PICTURED, _PICTURE_LODS = 4, (0.0, 2.0)  # sets and levels of detail in pictures
 _TORUS: Wrap = ("wrap", "wrap")
 _SETS = tuple(PAIR_SETS)
+
+BASELINES: tuple[ClosedForm, ...] = (Linear(), Lean())
+"""What a network is compared with, each with the box that it comes from: what GPUs do, and LEAN mapping."""
+
+Figures = dict[str, dict[str, list[float]]]
+"""Model that is made to method to mean SNR in dB, of each pair set in order. Methods are `network` and BASELINES."""
 
 
 @dataclass(frozen=True)
@@ -58,16 +68,17 @@ class ValidationEffort:
 
 @dataclass(frozen=True)
 class Score:
-    """Mean over patches of the SNR in dB of the network and of what GPUs do (linear, box).
+    """Mean over patches of the SNR in dB of the network and of BASELINES, in every model that the network makes.
 
     Args:
         models: that the network makes.
-        network: (models, pair sets, LODS). linear: (pair sets, LODS), in the model of each patch.
+        network: (models, pair sets, LODS).
+        baselines: name to the same of a closed form that makes the same models.
     """
 
     models: tuple[str, ...]
     network: NDArray[np.float64]
-    linear: NDArray[np.float64]
+    baselines: Mapping[str, NDArray[np.float64]]
 
     @property
     def total(self) -> float:
@@ -75,11 +86,21 @@ class Score:
         return float(self.network.mean())
 
     def columns(self) -> dict[str, float]:
-        """Named figures for the logs: each pair set's mean over LODS, for both methods, then for each model."""
-        methods = {"network": self.network.mean(0), "linear": self.linear}
+        """Named figures for the logs: each pair set's mean over LODS, for every method, then the network's by model."""
+        methods = {name: each.mean(0) for name, each in self._methods().items()}
         if len(self.models) > 1:
             methods |= dict(zip(self.models, self.network, strict=True))
         return {f"{name} {s}": float(v[i].mean()) for name, v in methods.items() for i, s in enumerate(_SETS)}
+
+    def figures(self) -> Figures:
+        """Means over LODS, for model cards."""
+        return {
+            model: {name: [float(each) for each in v[index].mean(-1)] for name, v in self._methods().items()}
+            for index, model in enumerate(self.models)
+        }
+
+    def _methods(self) -> dict[str, NDArray[np.float64]]:
+        return {"network": self.network, **self.baselines}
 
 
 @dataclass(frozen=True)
@@ -112,13 +133,7 @@ class Validator:
             for index, source in zip(range(self.effort.patches), itertools.cycle(config.encoders), strict=False)
         ]
         self.cases = [[self._case(patch, lod, rng) for lod in LODS] for patch in self.patches]
-        self.linear = np.mean(
-            [
-                self._snr(Linear()(p.stored, p.model, p.model, "box", _TORUS, lambda _: None).levels, p.model, p, cases)
-                for p, cases in zip(self.patches, self.cases, strict=True)
-            ],
-            0,
-        )
+        self.baselines = {form.name: self._mean(partial(self._averaged, form)) for form in BASELINES}
 
     def _case(self, patch: _Patch, lod: float, rng: np.random.Generator) -> _Case:
         uv = random_points(rng, self.effort.points)
@@ -146,11 +161,21 @@ class Validator:
 
     def score(self, network: Network) -> Score:
         """Measures the network on every patch."""
+        return Score(self.models, self._mean(partial(self.stacks, network)), self.baselines)
+
+    def _mean(self, stacks: Callable[[_Patch], Mapping[str, list[NDArray[np.float32]]]]) -> NDArray[np.float64]:
+        """(models, pair sets, LODS), the mean over patches, of what makes stacks of a patch."""
         figures = []
         for patch, cases in zip(self.patches, self.cases, strict=True):
-            stacks = self.stacks(network, patch)
-            figures.append([self._snr(stacks[model], model, patch, cases) for model in self.models])
-        return Score(self.models, np.mean(figures, 0), self.linear)
+            made = stacks(patch)
+            figures.append([self._snr(made[model], model, patch, cases) for model in self.models])
+        return np.asarray(np.mean(figures, 0))
+
+    def _averaged(self, form: ClosedForm, patch: _Patch) -> dict[str, list[NDArray[np.float32]]]:
+        """A closed form's stacks of one patch, by model."""
+        return {
+            model: form(patch.stored, patch.model, model, "box", _TORUS, lambda _: None).levels for model in self.models
+        }
 
     def picture(self, network: Network, path: Path) -> None:
         """Writes a PNG: for some patches a row of prediction (first model), reference and 4 x error, near and far."""

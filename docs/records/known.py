@@ -75,6 +75,7 @@ KNOWN: Mapping[str, Known] = {
     "constant-materials": _measured(
         "what networks make of materials that are the same everywhere", "benchmarks/constant_materials.py", MATERIALS
     ),
+    "cards": _measured("released networks beside averages, on held-out patches", "benchmarks/cards.py", MATERIALS),
     "beckmann": _measured("what conversions between ggx and beckmann keep", "docs/fit_beckmann.py"),
     "fitting-earth": _fitting("earth", "a planet's texture from views"),
     "fitting-cube": _fitting("cube", "corners and colours of a cube"),
@@ -98,6 +99,10 @@ KNOWN: Mapping[str, Known] = {
         "what becomes of MIPNet under the paper's loss",
         "benchmarks/mipnet.py", "train", "--target", "ggx", "--like", "training/configs/paper-ggx.toml",
         "--steps", "12000", "--data", MATERIALS, "--out", WORK, "--resume", golden=False,
+    ),
+    "stability": _measured(
+        "levels of an averaged latent beside levels that are made one after the other, five seeds",
+        "benchmarks/stability.py", golden=False,
     ),
     "web": _measured("the npm package beside the native core", "benchmarks/web.py", golden=False),
     "library": _measured(

@@ -1,4 +1,4 @@
-"""Pages made from records, as a whole or block by block.
+"""Pages made from records, as a whole or block by block, and the cards of released weights.
 
 A block stands between `<!-- record:RECORD/VIEW -->` and `<!-- end -->`; `records/views.py` makes its text. Where a
 record is missing, the block keeps the text that it has. The block `<!-- record:release -->` of a page says which
@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import re
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
+from mipbake.models.registry import list_weights
 from records.known import KNOWN
 from records.record import FOLDER, ROOT, Missing, Records, goldens, load
 from records.scripts import script
@@ -82,10 +83,22 @@ def renewed(root: Path = ROOT, folder: Path = FOLDER) -> dict[Path, bytes | None
             text = script("benchmarks", module).text(folder, path)
             made |= {f"docs/{chart.name}": chart.read_bytes() for chart in Path(scratch).iterdir()}
         made[page] = f"{text.rstrip()}\n\n{release(names, records)}\n".encode()
+    made |= {path: text.encode() for path, text in _cards(root, folder)}
     for old in (root / "docs").glob(_CHARTS):
         made.setdefault(f"docs/{old.name}", None)  # of a method that is not measured any more
     there = {name: (root / name).read_bytes() if (root / name).exists() else None for name in made}
     return {root / name: content for name, content in made.items() if content != there[name]}
+
+
+def _cards(root: Path, folder: Path) -> Iterator[tuple[str, str]]:
+    """Cards of released weights, relative to the root, with the validations of the record `cards`."""
+    record = load("cards", folder)
+    if record is None:
+        return
+    cards = script("benchmarks", "cards")
+    for info in list_weights(root / "models" / "weights"):
+        path = f"models/weights/{info.name}.md"
+        yield path, cards.text(info, record.data, (root / path).read_text(encoding="utf-8"))
 
 
 def _quoted(root: Path, opening: str, name: str, closing: str) -> str:
