@@ -142,7 +142,11 @@ def directional(sets: Sets, count: int, size: int) -> Iterator[tuple[str, Textur
         seed += 1
 
 
-def correlated(seed: int, size: int, together: bool) -> InModel:
+_LOBES = {False: ((0.12, 0.35), 0.9), True: ((0.03, 0.1), 2.0)}
+"""Whether lobes are sharp, to their least and largest mean alpha and the largest logarithm of alpha_x / alpha_y."""
+
+
+def correlated(seed: int, size: int, together: bool, sharp: bool = False) -> InModel:
     """A `ggx` material whose albedo, F0 and anisotropic roughness follow its normals (figure 11 of Kemppinen et al.).
 
     Slopes that face one way are coloured, glossy and brushed along the slope; those that face the other way are pale,
@@ -152,6 +156,7 @@ def correlated(seed: int, size: int, together: bool) -> InModel:
         seed, size: of the set, and its side in texels.
         together: False moves the normals by half a period along both axes: every channel holds the same values, and
             which of them meet is chance.
+        sharp: lobes are sharp and strongly anisotropic, as on brushed metal.
     """
     rng = np.random.default_rng([seed, 0xC0])
     height = noise(rng, size, 0.12)
@@ -163,9 +168,10 @@ def correlated(seed: int, size: int, together: bool) -> InModel:
     colours, gloss = rng.uniform(0.02, 0.7, (2, 3)), rng.uniform(0.04, 0.5, 3)
     albedo = colours[0] + (colours[1] - colours[0]) * share
     specular = 0.04 + (gloss - 0.04) * share
-    log_alpha2 = 2 * np.log(0.35) + 2 * np.log(0.12 / 0.35) * share[..., 0]
+    (least, largest), strongest = _LOBES[sharp]
+    log_alpha2 = 2 * np.log(largest) + 2 * np.log(least / largest) * share[..., 0]
     along = 2 * np.arctan2(slope[1], slope[0])
-    stretch = 0.9 * (2 * share[..., 0] - 1)
+    stretch = strongest * (2 * share[..., 0] - 1)
     tensor = [log_alpha2 + stretch * np.cos(along), log_alpha2 - stretch * np.cos(along), stretch * np.sin(along)]
     normal = np.stack([-slope[0], -slope[1], np.ones_like(height)], -1)
     normal = (normal / np.linalg.norm(normal, axis=-1, keepdims=True))[..., :2]

@@ -1,0 +1,86 @@
+"""What a loss makes of MIPNet: the baseline's weights, trained further with its authors' loss and with the paper's.
+
+    python benchmarks/mipnet_losses.py [--results FILE] [--steps 150] [--rate 1e-4]
+
+The authors compare tonemapped renders by their absolute difference, with references free of noise. Kemppinen et al.
+2023 divide squared differences by the prediction's energy (equation 5). Both trainings see the same batches of the
+project's generated sets, with references of as many samples. The tone curve, log(1 + x), is a guess.
+`python docs/remake.py --measure mipnet-losses` runs it, and docs/paper-figures.md shows what came out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import torch
+from mipnet_network import SingleLightsConfig, register
+from stability import PAPER, SETS
+from timing import arguments, keep
+from torch import Tensor
+
+from mipbake.models.base import Network
+from mipbake.models.registry import find_weights, load_network
+from mipbake.shading import shade
+from mipbake.training import loop
+from mipbake.training.batches import draw_batch
+from mipbake.training.config import DataConfig, read_config
+from mipbake.training.data import load_materials
+from mipbake.training.loss import SingleLightsBatch, SingleLightsLossConfig, trilinear
+from mipbake.training.validation import Validator
+
+BASELINES = Path(__file__).resolve().parent / "baselines"
+MODEL = "ggx"
+
+
+def authors(config: SingleLightsLossConfig, network: Network, batch: SingleLightsBatch) -> Tensor:
+    """Mean absolute difference of tonemapped renders."""
+    levels = network(batch.patches, batch.source, config.pixel_filter)[MODEL]
+    texels, views = trilinear(levels, batch.views), batch.views
+    shape = (*texels.shape[:3], 3)
+    render = shade(MODEL, texels.flatten(1, 2), views.light, views.view)  # (B, K, S N, 3)
+    seen = render.reshape(shape[0], -1, *shape[1:]).movedim(2, 1)  # as the reference
+    return (seen.log1p() - batch.noisy_reference.log1p()).abs().mean()
+
+
+LOSSES: Mapping[str, Callable[[SingleLightsLossConfig, Network, SingleLightsBatch], Tensor]] = {
+    "its authors' loss": authors,
+    "the paper's loss": SingleLightsLossConfig.value,
+}
+
+
+def main() -> None:
+    options = arguments(__doc__, results=None, steps=150, rate=1e-4)
+    torch.set_num_threads(1)
+    register()
+    paper = read_config(PAPER)
+    config = replace(
+        paper,
+        network=SingleLightsConfig(target=MODEL),
+        data=DataConfig(procedural_sets=SETS, procedural_size=128, mixed="itself", turned=False, boosted=True),
+        loss=replace(paper.loss, pairs=16, lods=3, target_samples=16),
+        optimiser=replace(paper.optimiser, learning_rate=options.rate, fall_until=options.steps),
+        run=replace(paper.run, steps=options.steps),
+    )
+    materials, held_out = load_materials(config)
+    validator = Validator(held_out, config.network, config.loss.pixel_filter)
+    start = load_network(find_weights(f"mipnet-{MODEL}", BASELINES))
+    found: dict[str, Any] = {"before": validator.score(start).columns()}
+    papers = load_network(find_weights(f"paper-{MODEL}"))
+    found["the paper's network"] = validator.score(papers).columns()
+    for name, loss in LOSSES.items():
+        state = loop.new_state(config)
+        state.network.load_state_dict(start.state_dict())
+        for step in range(options.steps):
+            state.optimiser.zero_grad()
+            loss(config.loss, state.network, draw_batch(materials, config, step)).backward()  # type: ignore[no-untyped-call]
+            state.optimiser.step(step, MODEL)
+        found[name] = validator.score(state.network).columns()
+        print(name, found[name], flush=True)
+    keep({"steps": options.steps, "rate": options.rate, "snr": found}, options.results)
+
+
+if __name__ == "__main__":
+    main()
