@@ -150,7 +150,8 @@ def main() -> None:
         own = {"model": case.model, "kind": case.kind, "boosts": case.boosts, "set": case.source.name}
         rows += [own | row for row in spheres(case.source, options.side, options.passes, perceptual)]
         print(*own.values(), flush=True)
-    keep({"spheres": kept(rows), "twins": kept(twins(options.twins))}, options.results)
+    found = {"texels": TEXELS, "spheres": kept(rows), "twins": kept(twins(options.twins))}
+    keep(found, options.results)
 
 
 if __name__ == "__main__":

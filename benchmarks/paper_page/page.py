@@ -18,6 +18,7 @@ from results_page.files import LINEAR, read
 from mipbake.quality.metrics import PAIR_SETS
 from mipbake.quality.metrics.snr import MAX_SNR_DB
 from paper_page.cases import KINDS, LEAN, ON, SCALES, Kind, Verdict, beats, kinds, shown
+from paper_page.causes import causes
 from paper_page.charts import gain_histograms
 
 MODELS = ("ggx", "beckmann")
@@ -105,10 +106,12 @@ def text(folder: Path, page: Path) -> str:
         table(["figure", "the paper's claim", "here"], rows) + "\n",
         *_reasons(load("constant-materials", folder)),
     ]
-    for _, title, verdict, body in sections:
+    explained = causes(folder, [kind for found in measured.values() for kind in found.values()])
+    for number, title, verdict, body in sections:
         parts += [f"## {title}\n", *body]
         if verdict is not None:
             parts.append(f"**{_state(verdict).capitalize()}.** {verdict.words}\n")
+        parts += explained.get(number, [])
     return wrapped_page("\n".join(parts))
 
 

@@ -104,6 +104,14 @@ KNOWN: Mapping[str, Known] = {
         "levels of an averaged latent beside levels that are made one after the other, five seeds",
         "benchmarks/stability.py", golden=False,
     ),
+    "causes": _measured(
+        "sharp materials, shift-tolerant LPIPS and twins with sharp lobes: why the paper's figures come out otherwise",
+        "benchmarks/causes.py", MATERIALS,
+    ),
+    "mipnet-losses": _measured(
+        "MIPNet trained with its authors' loss and with the paper's", "benchmarks/mipnet_losses.py", MATERIALS,
+        golden=False,
+    ),
     "web": _measured("the npm package beside the native core", "benchmarks/web.py", golden=False),
     "library": _measured(
         "a library that is baked, killed again and again, and gone on with", "benchmarks/library.py", golden=False

@@ -29,7 +29,15 @@ WHOLE: Mapping[str, tuple[str, Sequence[str]]] = {
     "docs/results.md": ("results_page.page", ("results-whole", "results-crop", "results-directional", "aims")),
     "docs/paper-figures.md": (
         "paper_page.page",
-        ("results-models", "results-correlated", "paper-pictures", "figure-7", "constant-materials"),
+        (
+            "results-models",
+            "results-correlated",
+            "paper-pictures",
+            "figure-7",
+            "constant-materials",
+            "causes",
+            "mipnet-losses",
+        ),
     ),
 }
 """Pages that a module of `benchmarks` makes as a whole, with charts beside them, and the records that they show. The

@@ -219,6 +219,7 @@ VIEWS: Mapping[str, Callable[[Any], str]] = {
     "fitting/table": fitting_table,
     "web/sizes": web,
     "training-mipnet/words": mipnet_words,
+    "stability/table": _of("benchmarks", "stability", "summary", "stability"),
     "fit/words": fit_words,
     "fit/pictures": fit_pictures,
     "fit/means": _of("benchmarks", "fit_tables", "means_table", "fit"),
