@@ -27,7 +27,7 @@ from mipbake.models.parameters import agreeing, to_parameters, to_stored
 
 _TORUS: Wrap = ("wrap", "wrap")
 _WIDTH = 32
-"""Maps of residual layers: as many weights as the dense layers have, by a tenth."""
+"""Maps of residual layers: they have a tenth more weights than the dense layers."""
 
 
 class LinearNetwork(LatentNetwork):

@@ -40,7 +40,7 @@ _PICTURED, _PICTURE_LODS = 4, (0.0, 2.0)  # sets and levels of detail in picture
 _TORUS: Wrap = ("wrap", "wrap")
 _SETS = tuple(PAIR_SETS)
 
-BASELINES: tuple[ClosedForm, ...] = (Linear(), Lean())
+BASELINES: Mapping[str, ClosedForm] = {form.name: form for form in (Linear(), Lean())}
 """What a network is compared with, each with the box that it comes from: what GPUs do, and LEAN mapping."""
 
 Figures = dict[str, dict[str, list[float]]]
@@ -133,7 +133,7 @@ class Validator:
             for index, source in zip(range(self.effort.patches), itertools.cycle(config.encoders), strict=False)
         ]
         self.cases = [[self._case(patch, lod, rng) for lod in LODS] for patch in self.patches]
-        self.baselines = {form.name: self._mean(partial(self._averaged, form)) for form in BASELINES}
+        self.baselines = {name: self._mean(partial(self._averaged, form)) for name, form in BASELINES.items()}
 
     def _case(self, patch: _Patch, lod: float, rng: np.random.Generator) -> _Case:
         uv = random_points(rng, self.effort.points)

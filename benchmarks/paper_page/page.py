@@ -18,7 +18,7 @@ from results_page.files import LINEAR, read
 from mipbake.quality.metrics import PAIR_SETS
 from mipbake.quality.metrics.snr import MAX_SNR_DB
 from paper_page.cases import KINDS, LEAN, ON, SCALES, Kind, Verdict, beats, kinds, shown
-from paper_page.causes import causes
+from paper_page.causes import ALIKE, causes
 from paper_page.charts import gain_histograms
 
 MODELS = ("ggx", "beckmann")
@@ -324,26 +324,22 @@ def _overview(number: str, title: str, claim: str, found: Mapping[str, Kind], pe
     return number, title, _alike(claim, list(found.values()), peers), parts
 
 
-_ALIKE = 1.0
-"""dB within which methods count as about alike. A guess: the paper compares pictures by eye."""
-
-
 def _alike(claim: str, found: Sequence[Kind], peers: Sequence[str]) -> Verdict:
-    """Whether the network is ahead of naive averaging, and no peer ahead of the network by more than `_ALIKE`, in the
+    """Whether the network is ahead of naive averaging, and no peer ahead of the network by more than ALIKE, in the
     mean SNR of the middle and the far scale."""
     words, holds = [], True
     for name in (LINEAR, *peers):
         kinds_of_sets = [kind for kind in found if name in kind.methods]
         own = [float(kind.ahead(name, "snr", scale).mean()) for kind in kinds_of_sets for scale in ("middle", "far")]
         if own:
-            holds = holds and min(own) > (0 if name == LINEAR else -_ALIKE)
+            holds = holds and min(own) > (0 if name == LINEAR else -ALIKE)
             words.append(f"{min(own):+.1f} to {max(own):+.1f} dB over {shown(name)}")
     return Verdict(
         claim,
         holds,
         f"The network gains {', '.join(words)}, in the middle and far away ([table](#figure-5-how-far-ahead)). The "
         "claim holds where it is ahead of naive averaging everywhere, and nowhere "
-        f"{_ALIKE:.0f} dB, a guess, behind another method of the claim. The paper compares pictures by eye.",
+        f"{ALIKE:.0f} dB, a guess, behind another method of the claim. The paper compares pictures by eye.",
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from statistics import fmean
+from statistics import fmean, stdev
 from typing import TYPE_CHECKING, Any
 
 from records.known import KNOWN
@@ -179,6 +179,33 @@ def mipnet_words(records: Records) -> str:
     )
 
 
+def stability_words(records: Records) -> str:
+    """What came of averaged latents and of levels that are made one after the other, at either rate."""
+    data, stability = records["stability"], script("benchmarks", "stability")
+
+    def of(kind: str, rate: float, value: Callable[[Mapping[str, Any]], float]) -> list[float]:
+        return [value(run) for run in data["runs"] if (run["kind"], run["rate"]) == (kind, rate)]
+
+    lost = sum(run["not finite"] for run in data["runs"])
+    words = [f"{lost} losses are not finite." if lost else "All losses are finite."]
+    for rate in (stability.PAPERS_RATE, stability.HURRIED_RATE):
+        snr, last = (
+            {kind: of(kind, rate, value) for kind in ("linear", "autoregressive")}
+            for value in (lambda run: run["snr"], lambda run: run["growth"][-1])
+        )
+        gain = fmean(snr["autoregressive"]) - fmean(snr["linear"])
+        spread = {kind: stdev(each) for kind, each in snr.items()}
+        size = {kind: fmean(each) for kind, each in last.items()}
+        words.append(
+            f"After {data['steps']} steps at a rate of {rate:g} the autoregressive network is {abs(gain):.1f} dB "
+            f"{'ahead' if gain > 0 else 'behind'}. Its seeds spread by {spread['autoregressive']:.1f} dB, those of the "
+            f"linear one by {spread['linear']:.1f} dB. At the last level it has {size['autoregressive']:.2f} of the "
+            f"size of averages, and the linear one {size['linear']:.2f}."
+        )
+    words.append(f"Plain averages have {data['runs'][0]['averages']:.1f} dB on these held-out patches.")
+    return wrapped(" ".join(words))
+
+
 def fit_words(records: Records) -> str:
     """At how many scales a fit is ahead, as displays show it and in linear radiance."""
     data, tables = records["fit"], script("benchmarks", "fit_tables")
@@ -219,6 +246,7 @@ VIEWS: Mapping[str, Callable[[Any], str]] = {
     "fitting/table": fitting_table,
     "web/sizes": web,
     "training-mipnet/words": mipnet_words,
+    "stability/words": stability_words,
     "stability/table": _of("benchmarks", "stability", "summary", "stability"),
     "fit/words": fit_words,
     "fit/pictures": fit_pictures,
