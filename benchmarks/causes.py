@@ -6,8 +6,8 @@ Data. Spheres of real sets, of generated lobes that stand for the paper's captur
 anisotropic lobes whose albedo, anisotropy and normals depend on each other; as they are, boosted once as section 4 of
 the paper does, and boosted again and again. They say how sharp materials have to be for the paper's order of methods.
 
-Measure. The same pictures are judged by FLIP and by shift-tolerant LPIPS, where its package is installed
-(benchmarks/st_lpips.py).
+Measure. The same pictures are judged by FLIP and by shift-tolerant LPIPS (benchmarks/st_lpips.py says how to install
+its weights).
 
 Sharp lobes. The twins of figure 11 (results_sets.correlated) with the lobes that they have, and with sharp anisotropic
 ones.
@@ -27,7 +27,7 @@ from mipnet_network import register
 from numpy.typing import NDArray
 from results_methods import bakes, specs
 from results_sets import InModel, boosted, captured, correlated, folder_sets, in_model, middle
-from st_lpips import LEAST, ShiftTolerantLpips, weights_file
+from st_lpips import INSTALL, ShiftTolerantLpips, weights_file
 from timing import arguments, keep
 
 from mipbake.baking.bake import DEFAULT_FILTER
@@ -89,7 +89,7 @@ def stacks(source: InModel) -> list[Candidate]:
     return [each.candidate for each in bakes(source, wanted)]
 
 
-def spheres(source: InModel, side: int, passes: int, perceptual: ShiftTolerantLpips | None) -> Iterator[dict[str, Any]]:
+def spheres(source: InModel, side: int, passes: int, perceptual: ShiftTolerantLpips) -> Iterator[dict[str, Any]]:
     """A row for each method, scale and measure."""
     last = int(texture_space.last_lod((source.height, source.width)))
     views = standard_views((source.height, source.width), environment.studio(), last, (side, side))
@@ -102,11 +102,10 @@ def spheres(source: InModel, side: int, passes: int, perceptual: ShiftTolerantLp
         for figure in made.figures:
             if figure.measure in ("snr", "flip"):
                 yield {"method": figure.method, "scale": view.scale, "measure": figure.measure, "value": figure.value}
-        if perceptual is not None:
-            right = _picture(made.reference.image)
-            for name, frame in made.frames.items():
-                value = perceptual(_picture(frame.image), right)
-                yield {"method": name, "scale": view.scale, "measure": "st-lpips", "value": value}
+        right = _picture(made.reference.image)
+        for name, frame in made.frames.items():
+            value = perceptual(_picture(frame.image), right)
+            yield {"method": name, "scale": view.scale, "measure": "st-lpips", "value": value}
 
 
 def _picture(radiance: NDArray[np.float32]) -> NDArray[np.float64]:
@@ -143,8 +142,10 @@ def kept(rows: list[dict[str, Any]]) -> list[Mapping[str, Any]]:
 def main() -> None:
     options = arguments(__doc__, "sets_folder", results=None, sets=3, lobes=3, twins=3, side=96, passes=64)
     register()
-    file = weights_file() if options.side >= LEAST else None
-    perceptual = ShiftTolerantLpips(file) if file else None
+    file = weights_file()
+    if file is None:
+        raise SystemExit(f"shift-tolerant LPIPS is not installed: {INSTALL}")
+    perceptual = ShiftTolerantLpips(file)
     rows = []
     for case in cases(options.sets_folder, options.sets, options.lobes):
         own = {"model": case.model, "kind": case.kind, "boosts": case.boosts, "set": case.source.name}

@@ -22,8 +22,7 @@ _PACKAGE, _WEIGHTS = "stlpips_pytorch", "weights/vST0.0/alex_shift_tolerant.pth"
 _LAYERS = (("slice1.0", 2), ("slice2.5", 2), ("slice3.9", 1), ("slice4.11", 1), ("slice5.13", 1))
 """Convolutions, and their padding."""
 
-LEAST = 48
-"""Pixels of the shorter side of pictures: fewer leave the last layers nothing."""
+INSTALL = "python -m pip install --no-deps stlpips-pytorch==0.0.2"
 
 
 def weights_file() -> Path | None:
@@ -39,7 +38,7 @@ class ShiftTolerantLpips:
         self.parts = torch.load(weights, map_location="cpu", weights_only=True)
 
     def __call__(self, picture: NDArray[np.floating], reference: NDArray[np.floating]) -> float:
-        """Of two (H, W, 3) pictures as displayed, 0 to 1, of LEAST pixels a side at least."""
+        """Of two (H, W, 3) pictures as displayed, 0 to 1, of 48 pixels a side at least."""
         both = np.stack([picture, reference]).astype(np.float32)
         images = torch.from_numpy(both).permute(0, 3, 1, 2) * 2 - 1
         shift, scale = (self.parts[f"scaling_layer.{name}"] for name in ("shift", "scale"))

@@ -192,11 +192,10 @@ def _boosted(boosts: int) -> str:
 
 def _measures(rows: Sequence[Row]) -> list[str]:
     """How far the network is ahead by three measures, and whether these agree."""
-    measures = [name for name in MEASURES if any(row["measure"] == name for row in rows)]
     lines = []
     for kind, index in product(NAMES, range(3)):
         cells = []
-        for measure, scale in product(measures, SCALES):
+        for measure, scale in product(MEASURES, SCALES):
             gains = [
                 _gain(row, index)
                 for row in rows
@@ -204,12 +203,9 @@ def _measures(rows: Sequence[Row]) -> list[str]:
             ]
             cells.append(f"{fmean(gains):+.{1 if measure == 'snr' else 3}f}")
         lines.append([f"{NAMES[kind]}, {shown(_methods('ggx')[index])}", *cells])
-    heads = ["sets, rival", *(f"{MEASURES[measure]}, {scale}" for measure, scale in product(measures, SCALES))]
-    parts = [_MEASURES, table(heads, lines) + "\n"]
-    if "st-lpips" in measures:
-        every, within = _agreement(rows)
-        parts.append(_AGREE.format(every=every, within=within))
-    return parts
+    heads = ["sets, rival", *(f"{MEASURES[measure]}, {scale}" for measure, scale in product(MEASURES, SCALES))]
+    every, within = _agreement(rows)
+    return [_MEASURES, table(heads, lines) + "\n", _AGREE.format(every=every, within=within)]
 
 
 def _gain(row: Row, rival: int) -> float:
