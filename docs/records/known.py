@@ -9,6 +9,9 @@ MATERIALS, OUT, WORK = "{materials}", "{out}", "{work}"
 """Places in a command: the folder of real texture sets, the file that it writes, and a folder that a stopped run
 goes on in."""
 
+EXAMPLES = ("fitting", "stochastic")
+"""Folders of examples whose scripts write a figure's JSON and picture; records are named after folder and script."""
+
 FITTED = ("acg_metal007", "acg_diamondplate008c", "acg_fabric079", "acg_tiles136c", "acg_leather036b")
 """Sets that fits are measured on."""
 
@@ -39,9 +42,9 @@ def _results(kind: str, about: str, *more: str) -> Known:
     return Known(about, ("benchmarks/results.py", MATERIALS, WORK, "--kinds", kind, *more))
 
 
-def _fitting(name: str, about: str) -> Known:
-    script = f"examples/fitting/{name}.py"
-    return Known(about, (script, "--output", WORK), pictures="examples/fitting/results")
+def _example(folder: str, name: str, about: str) -> Known:
+    script = f"examples/{folder}/{name}.py"
+    return Known(about, (script, "--output", WORK), pictures=f"examples/{folder}/results")
 
 
 def _timing(script: str, about: str, *options: str) -> Known:
@@ -77,11 +80,11 @@ KNOWN: Mapping[str, Known] = {
     ),
     "cards": _measured("released networks beside averages, on held-out patches", "benchmarks/cards.py", MATERIALS),
     "beckmann": _measured("what conversions between ggx and beckmann keep", "docs/fit_beckmann.py"),
-    "fitting-earth": _fitting("earth", "a planet's texture from views"),
-    "fitting-cube": _fitting("cube", "corners and colours of a cube"),
-    "fitting-envphong": _fitting("envphong", "an environment and a highlight"),
-    "fitting-capture": _fitting("capture", "a surface that moves, and its texture"),
-    "fitting-pose": _fitting("pose", "the pose of a cube"),
+    "fitting-earth": _example("fitting", "earth", "a planet's texture from views"),
+    "fitting-cube": _example("fitting", "cube", "corners and colours of a cube"),
+    "fitting-envphong": _example("fitting", "envphong", "an environment and a highlight"),
+    "fitting-capture": _example("fitting", "capture", "a surface that moves, and its texture"),
+    "fitting-pose": _example("fitting", "pose", "the pose of a cube"),
     "fit": _measured(
         "stacks that were fitted in renderers, beside bakes",
         "benchmarks/fit.py", MATERIALS, WORK, "--sets", *FITTED, pictures="docs",

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from mipbake.models.registry import list_weights
-from records.known import KNOWN
+from records.known import EXAMPLES, KNOWN
 from records.record import FOLDER, ROOT, Missing, Records, goldens, load
 from records.scripts import script
 from records.views import VIEWS
@@ -116,7 +116,7 @@ def _quoted(root: Path, opening: str, name: str, closing: str) -> str:
 def _records(block: str) -> list[str]:
     """Names of the records that a block is made from, as far as its own name tells."""
     name = block.partition("/")[0]
-    return [each for each in KNOWN if each.startswith("fitting-")] if name == "fitting" else [name]
+    return [each for each in KNOWN if each.startswith(f"{name}-")] if name in EXAMPLES else [name]
 
 
 def block(name: str, records: Records) -> str | None:

@@ -13,7 +13,7 @@ from typing import Any
 
 from mipbake import __version__, _native
 from records import results
-from records.known import MATERIALS, OUT, WORK, Known
+from records.known import EXAMPLES, MATERIALS, OUT, WORK, Known
 from records.record import ROOT, Measured, Record, goldens, rounded
 from records.scripts import script
 
@@ -73,11 +73,12 @@ def _run(name: str, known: Known, materials: Path | None, work: Path, root: Path
         for place, path in places.items():
             each = each.replace(place, path)  # noqa: PLW2901
         command.append(each)
-    writes = OUT in known.command or name.startswith(("results-", "fitting-"))
+    example = name.partition("-")[0] in EXAMPLES
+    writes = OUT in known.command or example or name.startswith("results-")
     printed = subprocess.run(command, cwd=root, check=True, text=True, stdout=None if writes else subprocess.PIPE)
     if name.startswith("results-"):
         return results.pack(results.read_files(work / _kind(name)))
-    if name.startswith("fitting-"):
+    if example:
         out = work / f"{Path(known.command[0]).stem}.json"
     if writes:
         return rounded(json.loads(out.read_text(encoding="utf-8")), DIGITS)

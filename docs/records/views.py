@@ -70,6 +70,16 @@ def fitting_table(records: Records) -> str:
     return table(["figure", "here", "paper"], rows)
 
 
+def example_table(name: str) -> Callable[[Records], str]:
+    """The table that an example printed."""
+
+    def view(records: Records) -> str:
+        heads, *rows = records[name]["figures"]["table"]
+        return table(heads, rows)
+
+    return view
+
+
 _BAKES = re.compile(r"\| bake (\w+), (\d+) x \d+ \| ([\d.]+) \|")
 
 
@@ -244,6 +254,7 @@ VIEWS: Mapping[str, Callable[[Any], str]] = {
     "picture/caption": scales_caption,
     "animation/caption": shimmer_caption,
     "fitting/table": fitting_table,
+    **{f"{name}/table": example_table(name) for name in KNOWN if name.startswith("stochastic-")},
     "web/sizes": web,
     "training-mipnet/words": mipnet_words,
     "stability/words": stability_words,

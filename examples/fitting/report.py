@@ -20,7 +20,11 @@ Settings = TypeVar("Settings")
 
 
 def parse(
-    description: str, small: Settings, full: Settings | None, arguments: Sequence[str] | None
+    description: str,
+    small: Settings,
+    full: Settings | None,
+    arguments: Sequence[str] | None,
+    folder: str = "fitting",
 ) -> tuple[Settings, Path]:
     """Settings, and the folder for the results, of the command line: `small` (or `full` with --full), with changes.
 
@@ -29,7 +33,7 @@ def parse(
     parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     if full is not None:
         parser.add_argument("--full", action="store_true", help="the paper's size; meant for a GPU")
-    parser.add_argument("--output", type=Path, default=Path("fitting"), help="folder for the picture and the figures")
+    parser.add_argument("--output", type=Path, default=Path(folder), help="folder for the picture and the figures")
     for field in dataclasses.fields(small):  # type: ignore[arg-type]
         one, large = getattr(small, field.name), getattr(full or small, field.name)
         option = f"--{field.name.replace('_', '-')}"
@@ -83,6 +87,12 @@ class Report:
     def add(self, sentence: str, **figures: object) -> None:
         self.figures.update(figures)
         print(f"{self.name}: {sentence}  [{time.perf_counter() - self.start:.0f} s]", flush=True)
+
+    def table(self, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+        """Prints a table as Markdown, and keeps its cells."""
+        self.figures["table"] = [list(row) for row in (heads, *rows)]
+        for row in (heads, ["---"] * len(heads), *rows):
+            print(f"| {' | '.join(row)} |", flush=True)
 
     def save(self, picture: np.ndarray) -> None:
         """Writes NAME.json and NAME.png; the picture (H, W, 3) holds values 0 to 1, top row first."""
