@@ -14,7 +14,8 @@ Parameters lie in *elements*, rows of an array (elements, channels): a texel, a 
 of parameter, step and seed, so that nothing is stored between the calls. `touched_texels` and `touched_vertices` say
 which elements a pixel was made of, and `contributions` turns that round.
 
-`Descent` does this for several kinds of parameters at once, from a function that renders them.
+`Descent` does this for several kinds of parameters at once, from a function that renders them. `Subdivision` refines
+control meshes, and says which control vertices a triangle was made of.
 
 Functions take NumPy arrays, or torch tensors on the CPU or with CUDA, and no gradients flow through them. Results are
 the same bits whatever the number of threads. Work is in proportion to what the listed elements and pixels are, and does
@@ -32,6 +33,7 @@ from mipbake.base.errors import UsageError
 from mipbake.base.stream import current_stream
 from mipbake.stochastic.descent import Descent, Group, Shown
 from mipbake.stochastic.elements import ANY, Channels, Contributions, Moments, given
+from mipbake.stochastic.subdivision import Subdivision
 from mipbake.stochastic.touching import contributions, touched_texels, touched_vertices
 
 if TYPE_CHECKING:
@@ -47,6 +49,7 @@ __all__ = [
     "Group",
     "Moments",
     "Shown",
+    "Subdivision",
     "add_gradient",
     "contributions",
     "descend",

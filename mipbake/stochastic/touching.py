@@ -89,15 +89,16 @@ def touched_vertices(ids: Array, triangles: Array) -> Array:
     Args:
         ids: (P, K) integers: for each pixel the triangles that it shows, one for opaque surfaces, all layers in a deep
             buffer. 0 is none, and t + 1 is triangle t, as `raster.rasterize` counts.
-        triangles: (T, 3) int32.
+        triangles: (T, C) int32, the 3 vertices of each triangle; or whatever it was made of, such as the control
+            vertices in `Subdivision.supports`, or texels of a displacement map, -1 for none.
 
     Returns:
-        (P, 3 K) int32 numbers of vertices, -1 for none.
+        (P, C K) int32 numbers of vertices, -1 for none.
 
     Raises:
         UsageError: the dtype or shape of an argument does not fit, or a triangle does not exist.
     """
-    corners = given("triangles", triangles, None, ("int32",), (("T", 3),))
+    corners = given("triangles", triangles, None, ("int32",), (("T", "C"),))
     shown = given("ids", ids, ("triangles", corners), ("int32", "int64", "float32", "float64"), (("P", "K"),))
     if not bool((shown % 1 == 0).all()):
         raise UsageError("ids holds numbers that are not whole: expected 0 for none, and t + 1 for triangle t")
@@ -107,9 +108,9 @@ def touched_vertices(ids: Array, triangles: Array) -> Array:
         raise UsageError(
             f"ids reach from {int(numbers.min())} to {int(numbers.max())}: expected 0 for none, up to {count}"
         )
-    with_none = zeros(corners, (count + 1, 3), "int32")
+    with_none = zeros(corners, (count + 1, corners.shape[1]), "int32")
     with_none[0], with_none[1:] = -1, corners
-    found: Array = with_none[numbers].reshape(numbers.shape[0], 3 * numbers.shape[1])
+    found: Array = with_none[numbers].reshape(numbers.shape[0], corners.shape[1] * numbers.shape[1])
     return found
 
 
