@@ -10,7 +10,7 @@ MATERIALS, OUT, WORK = "{materials}", "{out}", "{work}"
 goes on in."""
 
 EXAMPLES = ("fitting", "stochastic")
-"""Folders of examples whose scripts write a figure's JSON and picture; records are named after folder and script."""
+"""Folders of examples whose scripts write a figure's JSON and picture; records are named after folder and JSON."""
 
 FITTED = ("acg_metal007", "acg_diamondplate008c", "acg_fabric079", "acg_tiles136c", "acg_leather036b")
 """Sets that fits are measured on."""
@@ -42,9 +42,9 @@ def _results(kind: str, about: str, *more: str) -> Known:
     return Known(about, ("benchmarks/results.py", MATERIALS, WORK, "--kinds", kind, *more))
 
 
-def _example(folder: str, name: str, about: str) -> Known:
+def _example(folder: str, name: str, about: str, *options: str) -> Known:
     script = f"examples/{folder}/{name}.py"
-    return Known(about, (script, "--output", WORK), pictures=f"examples/{folder}/results")
+    return Known(about, (script, "--output", WORK, *options), pictures=f"examples/{folder}/results")
 
 
 def _timing(script: str, about: str, *options: str) -> Known:
@@ -85,6 +85,12 @@ KNOWN: Mapping[str, Known] = {
     "fitting-envphong": _example("fitting", "envphong", "an environment and a highlight"),
     "fitting-capture": _example("fitting", "capture", "a surface that moves, and its texture"),
     "fitting-pose": _example("fitting", "pose", "the pose of a cube"),
+    "stochastic-surface": _example("stochastic", "surface", "a subdivision surface and its maps"),
+    "stochastic-surface-physical": _example(
+        "stochastic", "surface", "the same with maps of albedo, metallic and roughness", "--physical"
+    ),
+    "stochastic-mesh": _example("stochastic", "mesh", "a mesh and a map, beside exact gradients"),
+    "stochastic-pose": _example("stochastic", "pose", "poses of an object and of a camera"),
     "fit": _measured(
         "stacks that were fitted in renderers, beside bakes",
         "benchmarks/fit.py", MATERIALS, WORK, "--sets", *FITTED, pictures="docs",

@@ -73,13 +73,14 @@ def _run(name: str, known: Known, materials: Path | None, work: Path, root: Path
         for place, path in places.items():
             each = each.replace(place, path)  # noqa: PLW2901
         command.append(each)
-    example = name.partition("-")[0] in EXAMPLES
+    folder, _, file = name.partition("-")
+    example = folder in EXAMPLES
     writes = OUT in known.command or example or name.startswith("results-")
     printed = subprocess.run(command, cwd=root, check=True, text=True, stdout=None if writes else subprocess.PIPE)
     if name.startswith("results-"):
         return results.pack(results.read_files(work / _kind(name)))
     if example:
-        out = work / f"{Path(known.command[0]).stem}.json"
+        out = work / f"{file}.json"
     if writes:
         return rounded(json.loads(out.read_text(encoding="utf-8")), DIGITS)
     return {"printed": printed.stdout.strip().splitlines()}

@@ -1,4 +1,4 @@
-"""What the scripts share: the modules of the fitting examples, and the settings of every script."""
+"""What the scripts share: modules of the fitting examples, which are imported from here, and the command line."""
 
 from __future__ import annotations
 
@@ -9,7 +9,12 @@ from typing import TypeVar
 
 sys.path.append(str(Path(__file__).resolve().parent.parent / "fitting"))
 
+import camera
+import meshes
 import report
+import textures
+
+__all__ = ["camera", "meshes", "parse", "report", "textures"]
 
 Settings = TypeVar("Settings")
 
