@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -76,16 +76,18 @@ class Subdivision:
         triangles = quads[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)
         used = np.where(weights > 0, sources, -1)[triangles].reshape(len(triangles), -1)
         supports, _ = _Sparse(*_pairs(used), np.ones(np.count_nonzero(used >= 0))).rows_of(-1)
-        ints = (each.astype(np.int32) for each in (quads, triangles, np.maximum(sources, 0)))
-        return cls(*ints, weights.astype(np.float32), supports.astype(np.int32), polygons, levels)
+        quads, triangles, sources, supports = (
+            each.astype(np.int32) for each in (quads, triangles, np.maximum(sources, 0), supports)
+        )
+        return cls(quads, triangles, sources, weights.astype(np.float32), supports, polygons, levels)
 
     def to(self, device: str) -> Subdivision:
         """The same as tensors."""
         import torch
 
-        named = ((field.name, getattr(self, field.name)) for field in fields(self))
-        moved = {name: torch.as_tensor(v, device=device) if hasattr(v, "dtype") else v for name, v in named}
-        return Subdivision(**moved)
+        arrays = [field.name for field in fields(self) if not field.name.startswith("_")]
+        moved: Any = {name: torch.as_tensor(getattr(self, name), device=device) for name in arrays}
+        return replace(self, **moved)
 
     def refine(self, vertices: Array) -> Array:
         """(V, C) values of refined vertices, from those of control vertices (N, C), real numbers of any dtype.
@@ -153,7 +155,8 @@ class _Sparse:
         """The same, each place once, row by row."""
         width = int(self.column.max(initial=0)) + 1
         keys, place = np.unique(self.row * width + self.column, return_inverse=True)
-        return _Sparse(keys // width, keys % width, np.bincount(place, self.value))
+        value: Any = np.bincount(place, self.value)
+        return _Sparse(keys // width, keys % width, value)
 
     def rows_of(self, none: int) -> tuple[Ints, NDArray[np.float64]]:
         """(R, K) columns and values of each row, `none` and 0 behind the last."""
