@@ -192,7 +192,9 @@ def stochastically(scene: Scene, in_turns: bool) -> Learned:
             (lambda given, camera=camera: scene.render({**values, **given}, camera), wanted)
             for camera, wanted in scene.views(settings.estimates, generator)
         ]
-        descents[iteration % len(descents)].step(pairs, 1 - iteration / settings.iterations)
+        # Each turn goes as far in all as without turns.
+        rate = len(descents) * (1 - iteration / settings.iterations)
+        descents[iteration % len(descents)].step(pairs, rate)
     return Learned(values, settings.iterations, (time.process_time() - began) / settings.iterations)
 
 

@@ -202,8 +202,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     learned = [camera for camera in around if camera not in held_out]
     wanted = {camera: truth.render(camera) for camera in around}
     values = surface.start()
-    descent = Descent(groups(settings, values), settings.seed)
-    count = sum(len(each.values) * int(np.count_nonzero(each.channels.magnitude)) for each in descent.groups.values())
+    learned_groups = groups(settings, values)
+    # With many maps, what moves the surface would be noise to the texels: then they are learned in turns.
+    turns = [["vertices", "height"], ["maps"]] if settings.physical else [list(learned_groups)]
+    descents = [Descent({name: learned_groups[name] for name in some}, settings.seed) for some in turns]
+    count = sum(len(each.values) * int(np.count_nonzero(each.channels.magnitude)) for each in learned_groups.values())
 
     def state() -> tuple[float, float, list[Floats]]:
         """PSNR of the cameras that are held out, the mean distance from the true surface, and the pictures."""
@@ -214,12 +217,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
         return psnr(np.stack(images), np.stack([wanted[camera] for camera in held_out])), off, images
 
     def view(camera: Camera) -> tuple[Render, Floats]:
-        return lambda given: surface.render(given, camera), wanted[camera]
+        return lambda given: surface.render({**values, **given}, camera), wanted[camera]
 
     generator, states = np.random.default_rng(settings.seed), [state()]
     for iteration in range(settings.iterations):
         chosen = generator.integers(len(learned), size=settings.estimates)
-        descent.step((view(learned[number]) for number in chosen), 1 - iteration / settings.iterations)
+        # Each turn goes as far in all as without turns.
+        rate = len(descents) * (1 - iteration / settings.iterations)
+        descents[iteration % len(descents)].step((view(learned[number]) for number in chosen), rate)
     states.append(state())
     log.table(
         ["figure", "at the start", "at the end"],
@@ -228,9 +233,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
             ["mean distance from the surface", *(f"{each[1]:.3f}" for each in states)],
         ],
     )
+    renders = 2 * sum(descent.estimates for descent in descents)
     log.add(
-        f"{count} parameters, {2 * descent.estimates} renders",
-        parameters=count, renders=2 * descent.estimates,
+        f"{count} parameters, {renders} renders",
+        parameters=count, renders=renders,
         psnr=[each[0] for each in states], distance=[each[1] for each in states],
     )  # fmt: skip
     size = settings.resolution

@@ -76,10 +76,9 @@ class Subdivision:
         triangles = quads[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)
         used = np.where(weights > 0, sources, -1)[triangles].reshape(len(triangles), -1)
         supports, _ = _Sparse(*_pairs(used), np.ones(np.count_nonzero(used >= 0))).rows_of(-1)
-        quads, triangles, sources, supports = (
-            each.astype(np.int32) for each in (quads, triangles, np.maximum(sources, 0), supports)
-        )
-        return cls(quads, triangles, sources, weights.astype(np.float32), supports, polygons, levels)
+        whole = {"quads": quads, "triangles": triangles, "sources": np.maximum(sources, 0), "supports": supports}
+        made: dict[str, Any] = {name: each.astype(np.int32) for name, each in whole.items()}
+        return cls(**made, weights=weights.astype(np.float32), _faces=polygons, _levels=levels)
 
     def to(self, device: str) -> Subdivision:
         """The same as tensors."""
