@@ -97,10 +97,12 @@ void touched_cpu(const TouchedArgs& args, std::int32_t* texels);
 
 // Turning (pixels, most) touched elements round, by a counting sort; -1 is none, and an element that a pixel names
 // twice counts once. First counts[e] += the pixels of element e; then, with cursors[e] where the pixels of e begin,
-// their numbers in increasing order, and each cursor is moved behind them. On the CPU alone, by one thread.
-void count_contributions_cpu(const std::int32_t* touched, std::int64_t pixels, std::int64_t most, std::int32_t* counts);
-void fill_contributions_cpu(const std::int32_t* touched, std::int64_t pixels, std::int64_t most, std::int64_t* cursors,
-                            std::int32_t* out);
+// their numbers in increasing order, and each cursor is moved behind them. On the CPU alone, by one thread, in a time
+// that grows with pixels * most and with the number of elements.
+void count_contributions_cpu(const std::int32_t* touched, std::int64_t pixels, std::int64_t most, std::int64_t elements,
+                             std::int32_t* counts);
+void fill_contributions_cpu(const std::int32_t* touched, std::int64_t pixels, std::int64_t most, std::int64_t elements,
+                            std::int64_t* cursors, std::int32_t* out);
 
 // No atomics: results are the same from run to run.
 void perturb_cuda(const PerturbArgs<float>& args, CudaStream stream);

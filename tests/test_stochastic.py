@@ -135,6 +135,7 @@ TOUCHED = {
     "no pixels": np.zeros((0, 3), np.int32),
     "no places": np.zeros((3, 0), np.int32),
     "far numbers": np.int32([[900_000, 5], [5, -1], [-1, 900_000]]),
+    "many of one pixel, twice": np.int32([[*range(50_000), *range(50_000)], [7] * 100_000]),
 }
 
 

@@ -233,7 +233,8 @@ void count(const Input& touched, const Output& counts) {
     require(counts, nb::dtype<std::int32_t>(), touched, "counts", {static_cast<Index>(counts.size())});
     const nb::gil_scoped_release unlocked;
     mipbake::count_contributions_cpu(static_cast<const std::int32_t*>(touched.data()), rows_of(touched),
-                                     columns_of(touched), static_cast<std::int32_t*>(counts.data()));
+                                     columns_of(touched), static_cast<Index>(counts.size()),
+                                     static_cast<std::int32_t*>(counts.data()));
 }
 
 void fill(const Input& touched, const Output& cursors, const Output& pixels) {
@@ -242,7 +243,8 @@ void fill(const Input& touched, const Output& cursors, const Output& pixels) {
     require(pixels, nb::dtype<std::int32_t>(), touched, "pixels", {static_cast<Index>(pixels.size())});
     const nb::gil_scoped_release unlocked;
     mipbake::fill_contributions_cpu(static_cast<const std::int32_t*>(touched.data()), rows_of(touched),
-                                    columns_of(touched), static_cast<std::int64_t*>(cursors.data()),
+                                    columns_of(touched), static_cast<Index>(cursors.size()),
+                                    static_cast<std::int64_t*>(cursors.data()),
                                     static_cast<std::int32_t*>(pixels.data()));
 }
 

@@ -1,5 +1,7 @@
 #include "cpu/stochastic.h"
 
+#include <vector>
+
 #include "core/parallel.h"
 
 namespace mipbake {
@@ -7,16 +9,16 @@ namespace {
 
 using Index = std::int64_t;
 
-// Calls f(element, pixel) for what each pixel names, once each.
+// Calls f(element, pixel) for what each pixel names, once each. A pixel may name thousands, so that each element
+// remembers the pixel that named it last.
 template <class F>
-void for_each_named(const std::int32_t* touched, Index pixels, Index most, F&& f) {
-    for (Index p = 0; p < pixels; ++p) {
-        const std::int32_t* const named = touched + p * most;
-        for (Index k = 0; k < most; ++k) {
-            bool is_first = named[k] >= 0;
-            for (Index j = 0; j < k && is_first; ++j) is_first = named[j] != named[k];
-            if (is_first) f(named[k], static_cast<std::int32_t>(p));
-        }
+void for_each_named(const std::int32_t* touched, Index pixels, Index most, Index elements, F&& f) {
+    std::vector<std::int32_t> last(static_cast<std::size_t>(elements), -1);
+    for (Index i = 0; i < pixels * most; ++i) {
+        const std::int32_t named = touched[i], pixel = static_cast<std::int32_t>(i / most);
+        if (named < 0 || last[static_cast<std::size_t>(named)] == pixel) continue;
+        last[static_cast<std::size_t>(named)] = pixel;
+        f(named, pixel);
     }
 }
 
@@ -55,12 +57,14 @@ void touched_cpu(const TouchedArgs& args, std::int32_t* texels) {
                  [&](Index begin, Index end) { MIPBAKE_DISPATCH(touched_range)(args, begin, end, texels); });
 }
 
-void count_contributions_cpu(const std::int32_t* touched, Index pixels, Index most, std::int32_t* counts) {
-    for_each_named(touched, pixels, most, [&](std::int32_t element, std::int32_t) { ++counts[element]; });
+void count_contributions_cpu(const std::int32_t* touched, Index pixels, Index most, Index elements,
+                             std::int32_t* counts) {
+    for_each_named(touched, pixels, most, elements, [&](std::int32_t element, std::int32_t) { ++counts[element]; });
 }
 
-void fill_contributions_cpu(const std::int32_t* touched, Index pixels, Index most, Index* cursors, std::int32_t* out) {
-    for_each_named(touched, pixels, most,
+void fill_contributions_cpu(const std::int32_t* touched, Index pixels, Index most, Index elements, Index* cursors,
+                            std::int32_t* out) {
+    for_each_named(touched, pixels, most, elements,
                    [&](std::int32_t element, std::int32_t pixel) { out[cursors[element]++] = pixel; });
 }
 
