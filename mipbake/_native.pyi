@@ -97,6 +97,7 @@ def rasterize(
 def rasterize_backward(
     pos: Array, tri: Array, rast: Array, grad_rast: Array, grad_db: Array | None, grad_pos: Array, stream: int = 0
 ) -> None: ...
+def splats(order: Array, centers: Array, conics: Array, paint: Array, image: Array, shown: Array) -> None: ...
 def interpolate(
     attr: Array,
     rast: Array,

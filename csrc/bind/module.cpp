@@ -16,6 +16,7 @@ void bind_antialias(nb::module_& m);
 void bind_network(nb::module_& m);
 void bind_pages(nb::module_& m);
 void bind_stochastic(nb::module_& m);
+void bind_splats(nb::module_& m);
 
 NB_MODULE(_native, m) {
     nb::register_exception_translator([](const std::exception_ptr& thrown, void*) {
@@ -41,4 +42,5 @@ NB_MODULE(_native, m) {
     bind_network(m);
     bind_pages(m);
     bind_stochastic(m);
+    bind_splats(m);
 }

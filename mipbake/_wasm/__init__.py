@@ -1,7 +1,7 @@
 """The native core as WebAssembly, under the names of `mipbake._native`: for systems that no core was compiled for.
 
 The wheel for any system has it in place of the compiled core (.ci/wheels). Arguments are those of csrc/bind, for arrays
-in the memory of the host. Stochastic gradients and CUDA are missing.
+in the memory of the host. Stochastic gradients, splats and CUDA are missing.
 """
 
 from __future__ import annotations

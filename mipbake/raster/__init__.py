@@ -7,7 +7,8 @@
 
 Every function takes torch tensors, on the CPU or with CUDA, with gradients and under torch.compile; or NumPy arrays,
 forward only, and then torch is not imported. The semantics follow nvdiffrast (Laine et al., Modular Primitives
-for High-Performance Differentiable Rendering, 2020); the plain torch twins are in `mipbake.raster.reference`.
+for High-Performance Differentiable Rendering, 2020); the plain torch twins are in `mipbake.raster.reference`. One
+function is none of these: `splats` blends Gaussians in the plane, on the CPU alone and without gradients.
 
 Images are (batch, height, width, channels) with OpenGL's rows, bottom up: pixel (row i, column j) is centred at
 x = (2 j + 1) / W - 1, y = (2 i + 1) / H - 1 of normalised device coordinates. Nothing is kept between calls but the
@@ -31,6 +32,7 @@ from mipbake.base.arguments import REAL, checked, is_array
 from mipbake.base.errors import UsageError
 from mipbake.base.first_order import refuse_tangents
 from mipbake.raster import _arguments, _forward
+from mipbake.raster._splats import splats
 from mipbake.raster.context import RasterizeContext, Topology
 
 if TYPE_CHECKING:
@@ -46,6 +48,7 @@ __all__ = [
     "antialias_construct_topology_hash",
     "interpolate",
     "rasterize",
+    "splats",
     "triangle_indices",
 ]
 

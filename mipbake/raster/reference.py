@@ -18,7 +18,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-__all__ = ["antialias", "interpolate", "rasterize", "silhouettes"]
+__all__ = ["antialias", "interpolate", "rasterize", "silhouettes", "splats"]
 
 
 def rasterize(
@@ -282,3 +282,31 @@ def silhouettes(pos: Tensor, tri: Tensor) -> Tensor:
             for (t, e), side in sides.items():
                 result[item, t, e] = -side not in sides.values() or side == 0
     return result
+
+
+def splats(
+    centers: Tensor, conics: Tensor, paint: Tensor, depth: Tensor, resolution: tuple[int, int], most: int = 16
+) -> tuple[Tensor, Tensor]:
+    """`mipbake.raster.splats`: every splat over the whole image, in float64."""
+    height, width = resolution
+    y, x = torch.meshgrid(torch.arange(height) + 0.5, torch.arange(width) + 0.5, indexing="ij")
+    image, through = torch.zeros(height, width, 3, dtype=torch.float64), torch.ones(height, width, dtype=torch.float64)
+    weights = torch.zeros(len(centers), height, width, dtype=torch.float64)
+    order = [int(i) for i in torch.argsort(depth, stable=True) if depth[i] > 0]
+    for i in order:
+        (a, b, c), (*color, opacity) = conics[i].double(), paint[i].double()
+        if not (a > 0 and c > 0 and a * c - b * b > 0):
+            continue
+        across, up = x - centers[i, 0].double(), y - centers[i, 1].double()
+        alpha = opacity * torch.exp(-(a * across**2 + 2 * b * across * up + c * up**2) / 2)
+        drawn = (alpha >= 1 / 255) & (through >= 1e-4)
+        weights[i] = torch.where(drawn, through * alpha.clamp(max=0.99), 0.0)
+        image += weights[i, ..., None] * torch.stack(color)
+        through = through - weights[i]
+    shown = torch.full((height, width, most), -1, dtype=torch.int32)
+    for row, column in np.ndindex(height, width):
+        listed = [i for i in order if weights[i, row, column] >= 1 / 255]
+        kept = sorted(listed, key=lambda i: -float(weights[i, row, column]))[:most]
+        for place, i in enumerate(i for i in listed if i in kept):
+            shown[row, column, place] = i
+    return torch.cat([image, (1 - through)[..., None]], -1).float(), shown
