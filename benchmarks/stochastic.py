@@ -1,10 +1,14 @@
 """Figure 3 of Deliot, Heitz and Belcour 2024 at a CPU's size: soups of triangles become a picture. Prints Markdown.
 
     python benchmarks/stochastic.py [--steps 0]
+    python benchmarks/stochastic.py --many 4096
 
 Errors of pixels are credited to the triangles that the pixels show (equation 8), or the error of the whole image is
 credited to all triangles (equation 4). Both ways take as many renders. A soup of transparent triangles goes through a
-deep buffer of triangles (section 4.4). `--steps` takes so many steps of every soup in place of its own.
+deep buffer of triangles (section 4.4). A second table is the paper's table 3: what each part of a step takes.
+`--steps` takes so many steps of every soup in place of its own. `--many` takes the paper's largest soup alone, and so
+many estimates in all, of which 8, 32 or 128 make a step (N of equation 9). Seconds are those of the processor, of all
+threads together, which other processes do not disturb.
 """
 
 from __future__ import annotations
@@ -14,6 +18,8 @@ import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
+from statistics import median
 from typing import Any
 
 import numpy as np
@@ -21,7 +27,7 @@ from numpy.typing import NDArray
 from timing import arguments, cpu_name, table
 
 from mipbake import _native, raster, stochastic
-from mipbake.stochastic import Channels, Contributions, Moments
+from mipbake.stochastic import Channels, Descent, Group, Moments, Shown
 
 Floats = NDArray[np.float32]
 Ints = NDArray[np.int32]
@@ -84,6 +90,16 @@ SOUPS: Mapping[str, Soup] = {
 }
 """Numbers of steps are guesses, for some minutes in all. The paper has 128 estimates for each step."""
 
+LARGEST, ESTIMATES = "100K triangles", (8, 32, 128)
+"""What `--many` fits, and how many estimates make a step."""
+
+PAPER: Mapping[str, tuple[float, float, float, float, float]] = {
+    "1K triangles": (0.012, 0.028, 0.013, 0.021, 6.8),
+    "10K triangles": (0.014, 0.038, 0.014, 0.021, 8.4),
+    LARGEST: (0.054, 0.126, 0.035, 0.105, 27),
+}
+"""Table 3: milliseconds of P, R and G for each of 128 estimates, of D, and of a step, on an RTX 4090."""
+
 
 def picture(side: int) -> Floats:
     """(side, side, 3), rows bottom up: hills before an evening sky, a sun, a lake and a striped tower."""
@@ -117,19 +133,17 @@ class SoupRenderer:
         self.context = raster.RasterizeContext()
         self.triangles = np.arange(3 * soup.triangles, dtype=np.int32).reshape(-1, 3)
 
-    def render(self, *soups: Floats) -> list[tuple[Floats, Ints]]:
-        """(P, 3) images of soups, before black, and (P, layers) triangles, -1 for none."""
-        pos = np.ones((len(soups), 3 * self.soup.triangles, 4), np.float32)
-        for each, values in zip(pos, soups, strict=True):
-            each[:, :3] = values[:, :9].reshape(-1, 3)
-        size = (self.soup.side, self.soup.side)
+    def render(self, values: Floats) -> tuple[Floats, Ints]:
+        """(P, 3) image before black, and (P, layers) triangles, -1 for none."""
+        pos = np.ones((1, 3 * self.soup.triangles, 4), np.float32)
+        pos[0, :, :3] = values[:, :9].reshape(-1, 3)
         layers = []
-        with raster.DepthPeeler(self.context, pos, self.triangles, size) as peeler:
+        with raster.DepthPeeler(self.context, pos, self.triangles, (self.soup.side, self.soup.side)) as peeler:
             for _ in range(self.soup.layers):
                 rast, _ = peeler.rasterize_next_layer()
-                layers.append(rast[..., 3].reshape(len(soups), -1).astype(np.int32) - 1)
+                layers.append(rast[..., 3].reshape(-1).astype(np.int32) - 1)
         ids = np.stack(layers, -1)
-        return [(self._blended(values, own), own) for values, own in zip(soups, ids, strict=True)]
+        return self._blended(values, ids), ids
 
     def _blended(self, values: Floats, ids: Ints) -> Floats:
         paint = np.concatenate([values[:, 9:], np.zeros_like(values[:1, 9:])])  # the last, -1, is none
@@ -145,13 +159,13 @@ class SoupRenderer:
 
 @dataclass
 class Fitted:
-    """Of one soup and one way of crediting: (renders, seconds, PSNR) on the way."""
+    """Of one soup and one way of crediting: (renders, seconds of the processor, PSNR) on the way."""
 
     curve: list[tuple[int, float, float]]
 
-    def after(self, seconds: float) -> float:
-        """PSNR at a time."""
-        return float(np.interp(seconds, [each[1] for each in self.curve], [each[2] for each in self.curve]))
+    def after(self, number: float, column: int) -> float:
+        """PSNR after a number of renders (column 0) or seconds (column 1)."""
+        return float(np.interp(number, [each[column] for each in self.curve], [each[2] for each in self.curve]))
 
 
 def fit(soup: Soup, credit: str, seed: int = 0, measured: int = 20) -> Fitted:
@@ -161,35 +175,25 @@ def fit(soup: Soup, credit: str, seed: int = 0, measured: int = 20) -> Fitted:
         credit: one of CREDITS.
         measured: how often the PSNR is measured on the way; the clock stands still meanwhile.
     """
-    generator = np.random.default_rng(seed)
-    channels, renderer = soup.channels, SoupRenderer(soup)
+    generator, renderer = np.random.default_rng(seed), SoupRenderer(soup)
     wanted = picture(soup.side).reshape(-1, 3)
     values = soup.drawn(soup.triangles, generator)
-    gradient, moments, sides = np.zeros_like(values), Moments.of(values), (values.copy(), values.copy())
-    everything = stochastic.contributions(np.arange(soup.triangles, dtype=np.int32)[None])
-    curve = [(0, 0.0, psnr(renderer.render(values)[0][0], wanted))]
-    measuring, began = 0.0, time.perf_counter()
+    descent = Descent({"soup": Group(values, soup.channels)}, seed)
+
+    def shown(given: Mapping[str, Floats]) -> Shown:
+        image, ids = renderer.render(given["soup"])
+        return Shown(image, {"soup": ids if credit == CREDITS[0] else None})
+
+    curve = [(0, 0.0, psnr(renderer.render(values)[0], wanted))]
+    measuring, began = 0.0, time.process_time()
     for step in range(soup.steps):
-        moved = np.zeros(soup.triangles, bool)
-        for number in range(step * soup.estimates, (step + 1) * soup.estimates):
-            stochastic.perturb(values, channels, number, seed, None, sides)
-            (plus, of_plus), (minus, of_minus) = renderer.render(*sides)
-            differences = stochastic.pixel_differences(plus, minus, wanted)
-            made_of: Contributions = everything
-            if credit == CREDITS[0]:
-                made_of = stochastic.contributions(np.concatenate([of_plus, of_minus], 1))
-            else:
-                differences = differences.sum(keepdims=True)
-            stochastic.add_gradient(gradient, differences, made_of, channels, number, seed)
-            moved[made_of.elements] = True
-        elements = np.flatnonzero(moved).astype(np.int32)
-        stochastic.descend(values, gradient, moments, channels, 1.0, elements)
-        resample(soup, values, moments, generator)
+        descent.step([(shown, wanted)] * soup.estimates)
+        resample(soup, values, descent.moments["soup"], generator)
         if (step + 1) * measured // soup.steps > step * measured // soup.steps:
-            stopped = time.perf_counter()
-            image = renderer.render(values)[0][0]
+            stopped = time.process_time()
+            image = renderer.render(values)[0]
             curve.append(((step + 1) * soup.estimates * 2, stopped - began - measuring, psnr(image, wanted)))
-            measuring += time.perf_counter() - stopped
+            measuring += time.process_time() - stopped
     return Fitted(curve)
 
 
@@ -209,17 +213,71 @@ def row(name: str, soup: Soup) -> list[str]:
     own, whole = (fit(soup, credit) for credit in CREDITS)
     equal = min(each.curve[-1][1] for each in (own, whole))
     ends = (f"{each.curve[-1][2]:.1f} dB" for each in (own, whole))
-    after = ", ".join(f"{each.after(equal):.1f} dB" for each in (own, whole))
+    after = ", ".join(f"{each.after(equal, 1):.1f} dB" for each in (own, whole))
     renders, first = own.curve[-1][0], own.curve[0][2]
     return [name, f"{soup.parameters:,}", f"{renders:,}", f"{first:.1f} dB", *ends, f"{equal:.0f} s: {after}"]
 
 
+def parts(soup: Soup, rounds: int = 7) -> tuple[float, float, float, float]:
+    """Milliseconds of the parts of table 3, medians: P, R and G of an estimate (R is two renders), D of a step."""
+    renderer, channels = SoupRenderer(soup), soup.channels
+    wanted, values = picture(soup.side).reshape(-1, 3), soup.drawn(soup.triangles, np.random.default_rng(0))
+    gradient, moments, sides = np.zeros_like(values), Moments.of(values), (values.copy(), values.copy())
+    found: list[list[float]] = []
+    for number in range(rounds):
+        clock = [time.process_time()]
+        stochastic.perturb(values, channels, number, 0, None, sides)
+        clock.append(time.process_time())
+        (plus, of_plus), (minus, of_minus) = (renderer.render(side) for side in sides)
+        clock.append(time.process_time())
+        differences = stochastic.pixel_differences(plus, minus, wanted)
+        made_of = stochastic.contributions(np.concatenate([of_plus, of_minus], 1))
+        stochastic.add_gradient(gradient, differences, made_of, channels, number)
+        clock.append(time.process_time())
+        stochastic.descend(values, gradient, moments, channels, 1.0, made_of.elements)
+        clock.append(time.process_time())
+        found.append([1e3 * (after - before) for before, after in pairwise(clock)])
+    perturbing, rendering, crediting, descending = (median(each) for each in zip(*found, strict=True))
+    return perturbing, rendering, crediting, descending
+
+
+def parts_table(soups: Mapping[str, Soup]) -> str:
+    """Table 3, and the paper's lines of it."""
+    rows = []
+    for name, soup in soups.items():
+        measured = parts(soup)
+        whole = sum(measured[:3]) * soup.estimates + measured[3]
+        lines = [(name, measured, soup.estimates, whole)]
+        if name in PAPER:
+            lines.append(("the paper, RTX 4090", PAPER[name][:4], 128, PAPER[name][4]))
+        for who, each, count, total in lines:
+            cells = [f"{number:.3g} ms (x {count})" for number in each[:3]]
+            rows.append([who, *cells, f"{each[3]:.3g} ms", f"{total:.3g} ms"])
+    return table(["a step per pixel", "P", "R", "G", "D", "sum"], rows)
+
+
+def many_table(estimates: int) -> str:
+    """PSNR of the largest soup on the way, by how many estimates make a step; all have as many renders."""
+    soup, rows, shares = SOUPS[LARGEST], [], (1 / 8, 1 / 4, 1 / 2, 1)
+    for count in ESTIMATES:
+        steps = max(estimates // count, 1)
+        fitted = fit(dataclasses.replace(soup, estimates=count, steps=steps), CREDITS[0])
+        ends = [f"{fitted.after(2 * estimates * share, 0):.1f} dB" for share in shares]
+        rows.append([f"{soup.parameters:,}", str(count), f"{steps:,}", *ends, f"{fitted.curve[-1][1]:,.0f} s"])
+    renders = [f"{2 * estimates * share:,.0f} renders" for share in shares]
+    return table(["parameters", "N", "steps", *renders, "processor"], rows)
+
+
 def main() -> None:
-    options = arguments(__doc__, steps=0)
+    options = arguments(__doc__, steps=0, many=0)
     print(f"{cpu_name()}, {_native.isa()}; {_native.num_threads()} threads\n", flush=True)
+    if options.many:
+        print(many_table(options.many))
+        return
     heads = ["soup", "parameters", "renders", "at first", *CREDITS, "both after as many seconds"]
     soups = {name: dataclasses.replace(soup, steps=options.steps or soup.steps) for name, soup in SOUPS.items()}
-    print(table(heads, [row(name, soup) for name, soup in soups.items()]))
+    print(table(heads, [row(name, soup) for name, soup in soups.items()]), flush=True)
+    print(f"\n{parts_table(soups)}")
 
 
 if __name__ == "__main__":

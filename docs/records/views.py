@@ -113,7 +113,7 @@ KEPT: Mapping[str, str] = {
     "timing-bake": r"--help|inspect, 1024|bake (lean|neural|auto), (1024|8192)",
     "timing-texture": r"^\| random, .*(\d\) \||aniso)",
     "timing-raster": r"all three|^\| (1|1024) ",
-    "timing-stochastic": r"^\| \d+K? t.* s: ",
+    "timing-stochastic": r"^\| (\d+K? t|the paper)",
     "timing-card-texture": r"random, (forward|.*to texels) \| .*\(\d\.\d\) \|",
     "timing-card-raster": r"all three|^\| (1|1024) ",
 }
