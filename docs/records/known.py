@@ -91,6 +91,8 @@ KNOWN: Mapping[str, Known] = {
     ),
     "stochastic-mesh": _example("stochastic", "mesh", "a mesh and a map, beside exact gradients"),
     "stochastic-pose": _example("stochastic", "pose", "poses of an object and of a camera"),
+    "stochastic-splats": _example("stochastic", "splats", "splats that are split where pictures are wrong"),
+    "stochastic-volume": _example("stochastic", "volume", "a volume of smoke, beside exact gradients"),
     "fit": _measured(
         "stacks that were fitted in renderers, beside bakes",
         "benchmarks/fit.py", MATERIALS, WORK, "--sets", *FITTED, pictures="docs",
@@ -140,5 +142,8 @@ KNOWN: Mapping[str, Known] = {
     "timing-card-texture": _timing("texture", "texture lookups on a graphics card", "--device", "cuda"),
     "timing-card-raster": _timing("raster", "rasterize, interpolate, antialias on a graphics card", "--device", "cuda"),
     "timing-stochastic": _timing("stochastic", "soups by stochastic gradients"),
+    "timing-stochastic-many": _timing(
+        "stochastic", "a soup of the paper's size, by estimates for each step", "--many", "1024"
+    ),
 }  # fmt: skip
 """Name to what it is. Those that nobody has measured yet have no file."""
