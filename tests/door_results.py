@@ -129,12 +129,25 @@ def estimates() -> Results:
     return [(each, 0) for each in found]
 
 
+def splats() -> Results:
+    """Thousands of splats over tiles that are not whole, in a kernel that is compiled without contraction."""
+    generator = np.random.default_rng(0)
+    centers = generator.uniform(-5, 105, (3000, 2)).astype(np.float32)
+    widths, turn = generator.uniform(0.02, 1, (3000, 2)).astype(np.float32), generator.uniform(-0.9, 0.9, 3000)
+    mixed = (turn * np.sqrt(widths.prod(-1))).astype(np.float32)
+    conics = np.stack([widths[:, 0], mixed, widths[:, 1]], -1)
+    paint = generator.uniform(0, 1, (3000, 4)).astype(np.float32)
+    depth = generator.uniform(-0.1, 1, 3000).astype(np.float32)
+    return [(each, 0) for each in raster.splats(centers, conics, paint, depth, (70, 101), 5)]
+
+
 DOORS: dict[str, Callable[[], Results]] = {
     "texture": texture,
     "raster": rasters,
     "shade": shade,
     "shade_lit": shade_lit,
     "stochastic": estimates,
+    "splats": splats,
 }
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from mipbake.base.aligned import dense
-from mipbake.base.arguments import checked, empty, is_array, whole
+from mipbake.base.arguments import checked, device_of, empty, is_array, whole
 from mipbake.base.errors import UsageError
 from mipbake.raster import _arguments
 
@@ -48,7 +48,7 @@ def splats(
           nearest first; -1 behind the last. `mipbake.stochastic` takes them as what a pixel was made of.
 
     There are no gradients, and arguments on a GPU are refused. Results are the same bits whatever the number of
-    threads. The plain twin is `mipbake.raster.reference.splats`.
+    threads and on every instruction set of x86. The plain twin is `mipbake.raster.reference.splats`.
 
     Raises:
         UsageError: the type, dtype, device or shape of an argument does not fit.
@@ -60,16 +60,19 @@ def splats(
     if count is None or not 0 <= count <= MOST_SHOWN:
         raise UsageError(f"most is {most!r}: expected a whole number from 0 to {MOST_SHOWN}")
     checked("centers", centers, None, ("float32",), (("splats", 2),), "x and y in pixels")
-    if not is_array(centers) and centers.device.type != "cpu":
-        raise UsageError(f"centers is on {centers.device}: expected the CPU, where splats are drawn")
+    if device_of(centers) != "cpu":
+        raise UsageError(f"centers is on {device_of(centers)}: expected the CPU, where splats are drawn")
     like, splat_count = ("centers", centers), centers.shape[0]
     checked("conics", conics, like, ("float32",), ((splat_count, 3),), "a, b and c of each splat")
     checked("paint", paint, like, ("float32",), ((splat_count, 4),), "red, green, blue and opacity of each splat")
     checked("depth", depth, like, ("float32",), ((splat_count,),), "a number for each splat")
-    image, shown = empty(centers, (height, width, 4)), empty(centers, (height, width, count), "int32")
-    found = np.asarray(depth if is_array(depth) else depth.detach())
-    order = np.argsort(found, kind="stable")
-    order = order[found[order] > 0].astype(np.int32)
-    given = (centers, conics, paint) if is_array(centers) else (centers.detach(), conics.detach(), paint.detach())
-    _native.splats(order, *(dense(each) for each in given), image, shown)
+    image: Array = empty(centers, (height, width, 4))
+    shown: Array = empty(centers, (height, width, count), "int32")
+    given: tuple[Any, ...] = (centers, conics, paint, depth)
+    if not is_array(centers):
+        given = tuple(each.detach() for each in given)
+    numbers = np.asarray(given[3])
+    order = np.argsort(numbers, kind="stable")
+    order = order[numbers[order] > 0].astype(np.int32)
+    _native.splats(order, dense(given[0]), dense(given[1]), dense(given[2]), image, shown)
     return image, shown
