@@ -252,7 +252,7 @@ def parts_table(soups: Mapping[str, Soup]) -> str:
             lines.append(("the paper, RTX 4090", PAPER[name][:4], 128, PAPER[name][4]))
         for who, each, count, total in lines:
             cells = [f"{number:.3g} ms (x {count})" for number in each[:3]]
-            rows.append([who, *cells, f"{each[3]:.3g} ms", f"{total:.3g} ms"])
+            rows.append([who, *cells, f"{each[3]:.3g} ms", f"{float(f'{total:.3g}'):g} ms"])
     return table(["a step per pixel", "P", "R", "G", "D", "sum"], rows)
 
 
