@@ -55,14 +55,14 @@ class Stage:
 
 @dataclass(frozen=True)
 class Settings:
-    splats: int = 4096
+    splats: int = 8192
     first_splats: int = 1024
     side: int = 256
     first_side: int = 64
     views: int = 24
     test_views: int = 4
     stages: int = 12
-    steps: int = 80
+    steps: int = 100
     estimates: int = 1
     layers: int = 16
     seed: int = 0
