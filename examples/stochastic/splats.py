@@ -257,6 +257,14 @@ class Fit:
         return values, found
 
 
+def thumbnail(image: Floats, side: int) -> Floats:
+    """About 128 pixels a side, top row first, of a picture (P, 3)."""
+    factor = max(side // 128, 1)
+    kept = side // factor
+    blocks = image.reshape(side, side, 3)[: kept * factor, : kept * factor].reshape(kept, factor, kept, factor, 3)
+    return np.asarray(report.enlarged(blocks.mean((1, 3))[::-1], 128))
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     settings, folder = parse(__doc__, Settings(), FULL, arguments)
     log = report.Report("splats", settings, folder)
@@ -277,8 +285,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     pictures = []
     for view, wanted in zip(fit.test[:3], fit.tests, strict=False):
         shown = [wanted, *(render(each, view, settings.side, 0)[0] for each in (at_first, values, other))]
-        images = [image.reshape(settings.side, settings.side, 3)[::-1] for image in shown]
-        pictures.append([report.enlarged(image, 128) for image in images])
+        pictures.append([thumbnail(image, settings.side) for image in shown])
     log.save(report.mosaic(pictures))
 
 
