@@ -4,7 +4,7 @@ After figure 8 and section 4.4 of Deliot, Heitz and Belcour (2024). A voxel has 
 passes a voxel's length. The renderer marches along rays, reads the volume trilinearly, and lists the voxels that it
 comes through as long as they can be seen. What counts are pictures from sides that nobody showed.
 
-  stochastic  estimates per pixel, each voxel perturbed by a step of 8 bits (section 4.3)
+  stochastic  estimates per pixel, opacities perturbed by a step of 8 bits (section 4.3)
   exact       torch's gradients through the same renderer, until it is as good, and for as many seconds of the processor
 
     python examples/stochastic/volume.py                      on a CPU, in minutes
@@ -27,8 +27,9 @@ from torch import Tensor
 from mipbake.stochastic import Channels, Descent, Group, Shown
 
 DISTANCE, SLOPE = 4.0, 0.42
-STEP = 1 / 255
-"""How far a voxel is perturbed."""
+STEPS = (8 / 255, 8 / 255, 8 / 255, 1 / 255)
+"""How far a voxel is perturbed. A colour shows through its opacity alone, and with the step of 8 bits it would be lost
+in what opacities do."""
 LEAST_SEEN = 1 / 255
 """Voxels behind which less light comes through are not listed."""
 RAYS = 8192
@@ -126,14 +127,14 @@ class Fit:
         return [self.train[int(i)] for i in numbers]
 
     def stochastic(self, values: Tensor) -> Iterator[None]:
-        """Steps of 1/255, as large as the perturbation, falling to a tenth of that."""
+        """Steps as large as the perturbations, falling to a tenth of that."""
         s = self.settings
 
         def shown(view: Tensor, given: Mapping[str, Tensor]) -> Shown:
             image, voxels = render(given["voxels"], view, s.voxels, s.side, list_voxels=True)
             return Shown(image, {"voxels": voxels})
 
-        group = Group(values, Channels((STEP,) * 4, (0.0,) * 4, (1.0,) * 4))
+        group = Group(values, Channels(STEPS, (0.0,) * 4, (1.0,) * 4))
         descent = Descent({"voxels": group}, s.seed)
         while True:
             rate = 0.1 ** (descent.estimates / (s.estimates * s.steps))
