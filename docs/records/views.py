@@ -240,13 +240,15 @@ _ENGINES = "benchmarks/engines"
 def web(records: Records) -> str:
     """What browsers load of the npm package, and how long it takes."""
     data = records["web"]
-    core, weights, code = (f"{data['bytes'][name] / 1000:.0f} KB" for name in ("core", "weights", "script"))
+    names = ("core", "core without SIMD", "weights", "script")
+    core, scalar, weights, code = (f"{data['bytes'][name] / 1000:.0f} KB" for name in names)
     node, native = (data["seconds"][name] for name in ("node", "native"))
     return wrapped(
-        f"Gzipped: core (WebAssembly) {core}, weights {weights}, script {code} with its comments. Weights are loaded "
-        f"when a bake needs them. A set of {data['size']} x {data['size']} texels takes {node:.1f} s of one thread in "
-        f"Node.js, {node / native:.1f} times what the Python tool takes ({records.record('web').measured.machine}); a "
-        "worker is the place for it."
+        f"Gzipped: core (WebAssembly) {core}, or {scalar} where an engine has no SIMD, weights {weights}, script "
+        f"{code} with its comments. Weights are loaded when a bake needs them. A set of {data['size']} x "
+        f"{data['size']} texels takes {node:.1f} s of one thread in Node.js, {node / native:.1f} times what the Python "
+        f"tool takes, and with two workers {data['two workers']:.2f} of the time "
+        f"({records.record('web').measured.machine})."
     )
 
 
