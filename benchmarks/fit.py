@@ -33,7 +33,7 @@ from mipbake.fitting import Frame, Levels, View, standard_views
 from mipbake.fitting.named import RendererChoice
 from mipbake.fitting.parameters import Parameters
 from mipbake.fitting.process import ProcessRenderer as Renderer
-from mipbake.fitting.references import passes_for, supersampled
+from mipbake.fitting.references import Supersampled
 from mipbake.fitting.renderer import new_stamps
 from mipbake.fitting.views import scale_of
 from mipbake.material.pixel_filter import filter_named, level_sizes
@@ -104,8 +104,9 @@ def levels_of(stored: Sequence[Image3], model: str, wrap: tuple[str, str]) -> Le
 
 def reference(renderer: Renderer, source: Levels, view: View, lod: float, effort: Effort, seed: int) -> Image3:
     """What the renderer shows of the source, supersampled: one estimate."""
-    passes = round(effort.passes * 2 ** min(max(lod, 0.0), 2.0))
-    return supersampled(renderer, source, view, filter_named(FILTER), passes, seed)
+    found = Supersampled(renderer, source, view, filter_named(FILTER), seed)
+    found.refine(round(effort.passes * 2 ** min(max(lod, 0.0), 2.0)))
+    return np.asarray(found.halves().mean(0))
 
 
 def inside(frame: Frame, endless: bool) -> NDArray[np.bool_]:
@@ -174,40 +175,22 @@ def fitted(
 ) -> tuple[MipStack, dict[str, Any]]:
     """The fitted stack; and how many views, steps, and seconds there were."""
     size, wrap = (texture_set.height, texture_set.width), texture_set.wrap
-    learned, checked = RendererChoice("gl").views_of(size, wrap, effort.each, LEARNED)  # as the command line has them
-    assert checked is not None
+    learned, checked, apart = RendererChoice("gl").views_of(size, wrap, effort.each, LEARNED)  # as on a command line
     began = time.monotonic()
-    images = references(renderer, texture_set, learned, False) + references(renderer, texture_set, checked, True)
-    prepared = time.monotonic()
     progress: list[mipbake.fitting.Progress] = []
     found = mipbake.fitting.fit(
         stacks[START],
         renderer,
         learned,
         others=[stacks[name] for name in OTHERS],
-        reference=images,
+        source=texture_set,
         held_out=checked,
+        apart=apart,
         steps=effort.steps,
         progress=progress.append,
     )
-    last = progress[-1]
-    rounds = time.monotonic() - prepared - last.seconds
-    seconds = {"preparing": prepared - began, "steps": last.seconds, "rounds": rounds}
-    return found, {"views": len(learned) + len(checked), "steps": last.step, "seconds": seconds}
-
-
-def references(renderer: Renderer, texture_set: TextureSet, views: Sequence[View], held_out: bool) -> list[Image3]:
-    """What views of all levels of detail should show, each by as many renders as a fit makes itself."""
-    model = texture_set.source_model
-    source = levels_of([texture_set.material(model)], model, texture_set.wrap)
-    last = len(level_sizes(texture_set.height, texture_set.width)) - 1
-    each = len(views) // (2 * last + 1)
-    found = []
-    for index, view in enumerate(views):
-        whole = bool((np.asarray(renderer.render(source, view).id) > 0).all())
-        passes = passes_for(index // each / 2, held_out)
-        found.append(supersampled(renderer, source, view, filter_named(FILTER), passes, whole=whole))
-    return found
+    seconds = {"fit": time.monotonic() - began}
+    return found, {"views": len(learned) + len(checked or ()), "steps": progress[-1].step, "seconds": seconds}
 
 
 def one(name: str, renderer: Renderer, texture_set: TextureSet, effort: Effort, pictures: Path) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """MIPNet, re-implemented (mipnet_network.py), as a baseline: trains it, and makes weights that results.py measures.
 
     python benchmarks/mipnet.py train --target ggx --data SETS --out FOLDER [--resume] [--device cuda]
-    python benchmarks/mipnet.py export FOLDER/best.pt NAME [--out benchmarks/baselines]
+    python benchmarks/mipnet.py export FOLDER/best.npz NAME [--out benchmarks/baselines]
     python benchmarks/results.py SETS RESULTS --kinds models --weights benchmarks/baselines
 
 `train` takes data and loss from the configuration of `mipbake-1`, or of its sister for the target, except for what
@@ -72,7 +72,7 @@ def trained(arguments: Sequence[str]) -> int:
     parser.add_argument("--target", choices=TARGETS, default=TARGETS[0], help="(default: %(default)s)")
     parser.add_argument("--like", type=Path, metavar="CONFIG", help="(default: mipbake-1, or its sister of the target)")
     parser.add_argument("--steps", type=int, help="(default: as many as CONFIG has)")
-    parser.add_argument("--resume", action="store_true", help="continue from FOLDER/last.pt where there is one")
+    parser.add_argument("--resume", action="store_true", help="continue from FOLDER/last.npz where there is one")
     parser.add_argument("--results", type=Path, metavar="FILE", help="for validations and losses, as JSON")
     parser.add_argument("--device", default="cpu", help="cpu, or cuda for a graphics card (default: %(default)s)")
     options = parser.parse_args(arguments)

@@ -16,6 +16,7 @@ from mipbake.baking.methods import METHODS
 from mipbake.baking.search.long_run import BEST, seconds_of
 from mipbake.base.errors import UsageError
 from mipbake.base.options import one_of, option, same
+from mipbake.base.timings import Timings
 from mipbake.cli import options
 from mipbake.cli.session import Session, counted, timings
 from mipbake.cli.sources import Sources, over_sets, stacks_folder
@@ -25,7 +26,7 @@ from mipbake.fitting import fit as fit_stack
 from mipbake.fitting.loop import MOST, check_count
 from mipbake.fitting.named import RENDERERS, RendererChoice
 from mipbake.fitting.process import TIMEOUT
-from mipbake.fitting.state import check_checkpoint
+from mipbake.fitting.state import checkpoint_at
 from mipbake.source.jobs import Job
 from mipbake.source.options import LoadOptions
 from mipbake.source.texture_set import TextureSet
@@ -38,7 +39,7 @@ DEFAULT_VIEWS = 16
 
 DEFAULT_STARTS = DEFAULT_METHOD, "linear"
 
-DEFAULT_BUDGET = "5m"
+DEFAULT_BUDGET = "10m"
 
 _WITHOUT_END = 2**31 - 1
 """Steps that no fit makes: it ends where no level gains any more."""
@@ -46,7 +47,7 @@ _WITHOUT_END = 2**31 - 1
 
 _STEPS = "Steps"
 
-_PARTS = {"prefilter": 15, "views": 15, "fit": 68, "write": 2}
+_PARTS = {"prefilter": 10, "fit": 88, "write": 2}
 """Phases of a fit, with their parts of the time; a guess, because budgets and renderers differ."""
 
 
@@ -98,7 +99,7 @@ class FitFlags:
     )
     budget: str = option(
         DEFAULT_BUDGET,
-        f"Time for the steps and rounds of each set; {BEST} goes on until no level gains any more.",
+        f"Time for all renders and steps of each set; {BEST} prepares all views, and goes on until no level gains.",
         metavar=f"30s|2m|{BEST}",
     )
     steps: int | None = option(
@@ -124,10 +125,12 @@ class FitFlags:
 def fit(
     session: Session, load: LoadOptions, flags: FitFlags, sources: Sources, out: Annotated[Path, stacks_folder]
 ) -> None:
-    """Fit stacks in a renderer of your own, which need not be differentiable.
+    """Fit stacks in a renderer of your own, which need not be differentiable. Use it where that renderer shades
+    otherwise than `mipbake bake` assumes, with a clear coat, a ramp or a lobe of your own. Textures that several
+    engines show are better baked. A set takes the time of --budget, references and all, and a first stack is there
+    after a tenth of it. Ctrl-C writes the stack as it is by then, and the same command goes on from OUT/<set>.fit.
 
-    The state of a fit is kept in OUT/<set>.fit until the stack is written. The same command goes on from it where a fit
-    was stopped, or where the renderer failed.
+    The state of a fit is kept in OUT/<set>.fit until the stack is written. It is kept where the renderer fails, too.
     """
     session.in_files = True
     choice = flags.choice
@@ -140,21 +143,30 @@ def fit(
         place = out / job.place / texture_set.name
         kept = place.with_name(place.name + ".fit")
         check_output(place, texture_set.found.hashes)
-        check_checkpoint(kept)
+        checkpoint_at(kept).check()
         with timings(session, texture_set.name, _PARTS) as phases:
             describe(session, job, texture_set)
             stack, *others = (
                 _start(each, texture_set, flags.pixel_filter, alone, phases) for each in flags.start or DEFAULT_STARTS
             )
-            learned, checked = choice.views_of(stack.size, stack.wrap, flags.views, flags.seed)
+            learned, checked, apart = choice.views_of(stack.size, stack.wrap, flags.views, flags.seed)
+            reached: list[Progress] = []
             session.kept = kept
             with warnings.catch_warnings(record=True) as found:
                 warnings.simplefilter("always", UserWarning)
-                fitted = fit_stack(
-                    stack, made, learned, others=others, held_out=checked, source=texture_set, steps=most,
-                    budget=seconds, seed=flags.seed, checkpoint=kept, progress=_shown(phases),
-                    preparing=partial(phases, "views"),
-                )  # fmt: skip
+                try:
+                    fitted = fit_stack(
+                        stack, made, learned, others=others, held_out=checked, apart=apart, source=texture_set,
+                        steps=most, budget=seconds, seed=flags.seed, checkpoint=kept,
+                        progress=_shown(phases, reached), working=partial(phases, "fit"),
+                    )  # fmt: skip
+                except Exception:
+                    raise
+                except BaseException:  # somebody stops it
+                    if reached:
+                        reached[-1].stack().save(place, flags.format, preset=flags.preset)
+                        session.print(f"wrote {place}, as far as it was fitted")
+                    raise
                 phases("fit", 1.0)
                 files = fitted.save(place, flags.format, partial(phases, "write"), preset=flags.preset)
             kept.unlink(missing_ok=True)
@@ -193,9 +205,9 @@ def _start(
     return stack
 
 
-def _shown(phases: Any) -> Callable[[Progress], None]:
+def _shown(phases: Timings, reached: list[Progress]) -> Callable[[Progress], None]:
     def show(now: Progress) -> None:
-        phases("fit", now.share)
+        reached[:] = [now]
         scores = ", ".join(f"{scale} {score:.1f}" for scale, score in now.scores.items())
         phases.note(f"{now.step} steps, {scores} dB")
 

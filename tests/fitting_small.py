@@ -11,6 +11,7 @@ import numpy as np
 from mipbake import MipStack, TextureSet
 from mipbake.fitting import Frame, Levels, fit
 from mipbake.fitting.parameters import Parameters
+from mipbake.fitting.references import Supersampled
 from mipbake.fitting.renderer import new_stamps
 from mipbake.material.pixel_filter import filter_named
 
@@ -111,6 +112,13 @@ def levels_of(stack: MipStack) -> Levels:
 def source_levels(texture: TextureSet) -> Levels:
     parameters = Parameters.of("gltf", texture.height, texture.width, 1)
     return parameters.levels(parameters.values([texture.material("gltf")]), texture.wrap, new_stamps(parameters.sizes))
+
+
+def supersampled(renderer: Any, source: Levels, view: Any, passes: int, seed: int = 0, whole: bool = True) -> Any:
+    """(H, W, 3) the mean of so many renders of the source."""
+    found = Supersampled(renderer, source, view, KERNEL, seed, whole)
+    found.refine(passes)
+    return found.halves().mean(0)
 
 
 def error(stack: MipStack, renderer: Any, view: Any, wanted: np.ndarray) -> float:

@@ -31,7 +31,7 @@ def fit(folder: Path, renderer: Any = None, **more: Any) -> Path:
 @pytest.mark.parametrize("work", [fit, lambda folder: train(tiny(), folder, resume=True)])
 @pytest.mark.parametrize("there", [b"an earlier one", None])
 def test_a_second_one_is_told(work: Callable[[Path], Any], there: bytes | None, tmp_path: Path) -> None:
-    files = [tmp_path / "last.pt", tmp_path / "state.fit"]
+    files = [tmp_path / "last.npz", tmp_path / "state.fit"]
     for file in files if there else ():
         file.write_bytes(there or b"")
     with alone_with(files[0]), alone_with(files[1]):
@@ -56,15 +56,15 @@ def test_a_second_fit_is_told_while_the_first_one_renders(tmp_path: Path) -> Non
 
 
 def kept_training(folder: Path) -> Path:
-    new_state(tiny()).save(folder / "last.pt")
-    return folder / "last.pt"
+    new_state(tiny()).save(folder / "last.npz")
+    return folder / "last.npz"
 
 
 @pytest.mark.parametrize(
     ("kept", "read", "said"),
     [
         (fit, fit, "delete it to begin anew"),
-        (kept_training, lambda folder: load_state(folder / "last.pt"), "train anew"),
+        (kept_training, lambda folder: load_state(folder / "last.npz"), "train anew"),
     ],
 )
 def test_damage_is_noticed(

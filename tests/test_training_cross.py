@@ -110,7 +110,7 @@ def test_exported_and_baked(tmp_path: Path) -> None:
     header = (tmp_path / "whole" / "validation.csv").read_text().splitlines()[0]
     assert all(f"{model} near-mirror" in header for model in DECODERS)
 
-    info = export_weights(tmp_path / "whole" / "last.pt", "tiny-cross", tmp_path / "weights", default=True)
+    info = export_weights(tmp_path / "whole" / "last.npz", "tiny-cross", tmp_path / "weights", default=True)
     assert info.targets == DECODERS
     assert info.pixel_filters == ("gaussian",)
     assert json.loads((tmp_path / "weights" / "tiny-cross.json").read_text())["network"]["encoders"] == list(ENCODERS)

@@ -90,9 +90,9 @@ def test_checkpoints_go_from_two_processes_to_one(tmp_path: Path) -> None:
         config.write_text(f"{begun}[run]\nsteps = {steps}\nlog_every = 1\nvalidate_every = 9\ncheckpoint_every = 1\n")
 
     def weights() -> dict[str, Tensor]:
-        content: dict[str, Any] = torch.load(tmp_path / "run" / "last.pt", weights_only=True)
-        assert content["step"] == int((tmp_path / "run" / "log.csv").read_text().splitlines()[-1].split(",")[0])
-        return content["network"]  # type: ignore[no-any-return]
+        state = loop.load_state(tmp_path / "run" / loop.LAST)
+        assert state.step == int((tmp_path / "run" / "log.csv").read_text().splitlines()[-1].split(",")[0])
+        return state.network.state_dict()
 
     where = ["--out", str(tmp_path / "run")]
     write(1)

@@ -44,7 +44,7 @@ def _arguments() -> argparse.Namespace:
     export = commands.add_parser(
         "export", help="release a checkpoint as weights", description="Writes NAME.safetensors, NAME.json and NAME.md."
     )
-    export.add_argument("checkpoint", type=Path, metavar="CHECKPOINT", help="best.pt or last.pt of a training")
+    export.add_argument("checkpoint", type=Path, metavar="CHECKPOINT", help="best.npz or last.npz of a training")
     export.add_argument("name", metavar="NAME", help="of the weights")
     export.add_argument("--out", type=Path, metavar="DIR", help="(default: where bakes look for weights)")
     export.add_argument("--default", action="store_true", help="use these weights where no others are named")

@@ -5,12 +5,10 @@ from __future__ import annotations
 import copy
 import csv
 import dataclasses
-import io
 import os
 import subprocess
 import sys
 import time
-import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -21,7 +19,7 @@ import torch
 from torch import Tensor
 
 from mipbake._native import cuda_available
-from mipbake.base.checkpoints import alone_with
+from mipbake.base.checkpoints import Checkpoint, alone_with
 from mipbake.base.device import checked_device
 from mipbake.base.errors import InputError, UsageError
 from mipbake.base.messages import one_line
@@ -37,7 +35,9 @@ from mipbake.training.ranks import Ranks, on_processor, ranks
 from mipbake.training.recorded import RecordedSteps
 from mipbake.training.validation import Figures, ValidationEffort, Validator
 
-LAST, BEST = "last.pt", "best.pt"
+LAST, BEST = "last.npz", "best.npz"
+
+_FORMAT = 1  # of a checkpoint
 
 _CPU = torch.device("cpu")
 _WHITENING_SAMPLES = 16  # patches; section 3.4 of the paper
@@ -99,23 +99,26 @@ class TrainingState:
         return loss.detach()
 
     def content(self) -> dict[str, Any]:
-        """What a checkpoint holds."""
-        return {
-            "config": plain(self.config),
+        """All that it takes to go on: what JSON holds, and `tensors`, name to tensor."""
+        parts = {
             "network": self.network.state_dict(),
             "average": self.average.state_dict(),
             "optimiser": self.optimiser.state_dict(),
-            "step": self.step,
-            "figures": self.figures,
-            "best": self.best,
-            "commit": self.commit,
         }
+        tensors = {f"{part} {name}": tensor for part, of in parts.items() for name, tensor in of.items()}
+        counts = {"step": self.step, "figures": self.figures, "best": self.best, "commit": self.commit}
+        return {"config": plain(self.config), **counts, "tensors": tensors}
 
     def save(self, path: Path) -> None:
         """Replaces a checkpoint as a whole, so that there is one at any time."""
-        content = io.BytesIO()  # torch does not say why it cannot write into a file
-        torch.save(self.content(), content)
-        replaced_file(path, content.getvalue())
+        content = self.content()
+        arrays = {name: tensor.detach().cpu().numpy() for name, tensor in content.pop("tensors").items()}
+        checkpoint_at(path).save(content, arrays)
+
+
+def checkpoint_at(path: Path) -> Checkpoint:
+    """A file that a training is kept in."""
+    return Checkpoint(path, "training", _FORMAT, f"train anew, or --start from the {BEST} beside it")
 
 
 def device_named(name: str) -> torch.device:
@@ -152,17 +155,13 @@ def _state(config: TrainingConfig, network: Network, device: torch.device) -> Tr
 
 def load_state(path: Path, device: torch.device = _CPU) -> TrainingState:
     """The state in a checkpoint, on a device; InputError when it cannot be read as one."""
+    about, arrays = checkpoint_at(path).load()
     try:
-        with zipfile.ZipFile(path) as parts:  # torch leaves the sums of the parts out
-            if damaged := parts.testzip():
-                raise InputError(f"{damaged} is damaged")
-        return state_of(torch.load(path, map_location="cpu", weights_only=True), device)
-    except FileNotFoundError as error:
-        raise InputError(f"{path}: no such checkpoint") from error
+        return state_of({**about, "tensors": {name: torch.from_numpy(each) for name, each in arrays.items()}}, device)
     except Exception as error:
         raise InputError(
-            f"{path}: not a checkpoint of this version's training, or damaged ({one_line(str(error))[:120]}): "
-            f"train anew, or --start from the {BEST} beside it"
+            f"{path}: not a checkpoint of this version's training ({one_line(str(error))[:120]}): train anew, or "
+            f"--start from the {BEST} beside it"
         ) from error
 
 
@@ -170,9 +169,9 @@ def state_of(content: dict[str, Any], device: torch.device = _CPU) -> TrainingSt
     """The state that `TrainingState.content` gave, on a device."""
     config = config_from(content["config"])
     state = _state(config, config.network.build(), device)
-    state.network.load_state_dict(content["network"])
-    state.average.load_state_dict(content["average"])
-    state.optimiser.load_state_dict(content["optimiser"])
+    for part, of in (("network", state.network), ("average", state.average), ("optimiser", state.optimiser)):
+        tensors = {name.partition(" "): tensor for name, tensor in content["tensors"].items()}
+        of.load_state_dict({name: tensor for (own, _, name), tensor in tensors.items() if own == part})
     state.step, state.best, state.commit = content["step"], content["best"], content["commit"]
     state.figures = content["figures"]
     return state
@@ -253,7 +252,7 @@ def train(
     are drawn on the processor. A training may go on on another device than it began on, and in another number of
     processes (`mipbake.training.ranks`), each of which adds a batch to every step.
 
-    Writes to `out`: last.pt and best.pt (checkpoints), log.csv (losses), validation.csv, validation-<step>.png. Of
+    Writes to `out`: last.npz and best.npz (checkpoints), log.csv (losses), validation.csv, validation-<step>.png. Of
     several processes the first one reads and writes there.
     """
     if resume and start is not None:

@@ -8,7 +8,6 @@ has no part in, it and its moments stay as they are.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -81,13 +80,18 @@ class FlatAdam:
             if part.average is not None:
                 part.average.lerp_(part.vector.detach(), 1 - self._settings.ema_decay)
 
-    def state_dict(self) -> dict[str, Any]:
-        """Adam's moments and step counts."""
-        return self._adam.state_dict()
+    def state_dict(self) -> dict[str, Tensor]:
+        """Adam's moments and step counts, `<index of the vector> <name>`."""
+        kept = self._adam.state_dict()["state"].items()
+        return {f"{index} {name}": value for index, state in kept for name, value in state.items()}
 
-    def load_state_dict(self, state: dict[str, Any]) -> None:
+    def load_state_dict(self, state: dict[str, Tensor]) -> None:
         """Takes back what `state_dict` gave."""
-        self._adam.load_state_dict(state)
+        found: dict[int, dict[str, Tensor]] = {}
+        for key, value in state.items():
+            index, _, name = key.partition(" ")
+            found.setdefault(int(index), {})[name] = value
+        self._adam.load_state_dict({**self._adam.state_dict(), "state": found})
 
 
 def _flattened(parameters: list[nn.Parameter]) -> Tensor:

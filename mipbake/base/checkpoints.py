@@ -5,26 +5,30 @@ process is killed, the earlier file or the new one lies there. A process holds a
 gives up when the process ends: another one must neither read nor replace it meanwhile.
 
 Arrays are written and read some rows at a time: they may be larger than the memory that a bake holds to. A file of
-them is what `numpy.load` reads. The sums that zip files hold of their parts tell where one is damaged.
+them is what `numpy.load` reads. The sums that zip files hold of their parts tell where one is damaged. One of the
+arrays holds JSON: what the work is, and its settings and counts.
 """
 
 from __future__ import annotations
 
 import contextlib
+import json
 import math
 import os
 import sys
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.base.errors import UsageError
-from mipbake.base.publish import parents, replacing, writing
+from mipbake.base.errors import InputError, UsageError
+from mipbake.base.messages import one_line
+from mipbake.base.publish import check_file, parents, replacing, writing
 
 if sys.platform != "win32":
     import fcntl
@@ -37,6 +41,8 @@ DAMAGED = (
 
 AT_ONCE = 1 << 22
 """Bytes that are copied at a time."""
+
+_ABOUT = "about"
 
 Make = Callable[[tuple[int, ...], np.dtype[Any]], NDArray[Any]]
 """Makes an array of a shape and a dtype, whose values are then read; ValueError where no such array is expected."""
@@ -88,6 +94,78 @@ def alone_with(path: Path) -> Iterator[None]:
         if sys.platform != "win32":  # there it is no lock, and a file that is open cannot be removed
             held.callback(lock.unlink, missing_ok=True)
         yield
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """A file that a fit or a training is kept in.
+
+    Args:
+        path: of the file.
+        kind: what is kept, as in "fit"; `kind` and `format` stand in the file.
+        format: number of what the file holds, which grows as that changes.
+        instead: what to do where the file cannot be read.
+    """
+
+    path: Path
+    kind: str
+    format: int
+    instead: str = "delete it to begin anew"
+
+    def check(self) -> None:
+        """OutputError where a file is in the way that is no checkpoint. For before long work."""
+        check_file(self.path, _holds_about, f"checkpoint of a {self.kind}")
+
+    def save(self, about: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Replaces the file, as a whole.
+
+        Args:
+            about: what JSON holds. arrays: all others.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
+        with writing(f"the checkpoint {self.path} cannot be written"):
+            write_kept(self.path, {"kind": self.kind, "format": self.format, **about}, arrays)
+
+    def load(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        """What `save` took.
+
+        Raises:
+            InputError: there is no such file, it is damaged, or of another kind or version.
+        """
+        try:
+            arrays = read_arrays(self.path, lambda _: None)
+            about: dict[str, Any] = json.loads(arrays.pop(_ABOUT).tobytes())
+            if (about["kind"], about["format"]) != (self.kind, self.format):
+                raise ValueError(f"it is no {self.kind} of this version")
+        except FileNotFoundError as error:
+            raise InputError(f"{self.path}: no such checkpoint") from error
+        except DAMAGED as error:
+            why = one_line(str(error))[:120]
+            raise InputError(f"the checkpoint {self.path} cannot be read ({why}): {self.instead}") from error
+        return about, arrays
+
+
+def write_kept(path: Path, about: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> int:
+    """`write_arrays` of arrays, and of what JSON holds; returns the bytes."""
+    return write_arrays(path, {_ABOUT: np.frombuffer(json.dumps(about).encode(), np.uint8), **arrays})
+
+
+def read_about(path: Path) -> dict[str, Any]:
+    """What a file says of itself in JSON. One of DAMAGED where it cannot be read."""
+    with np.load(path) as file:
+        about: dict[str, Any] = json.loads(file[_ABOUT].tobytes())
+    return about
+
+
+def _holds_about(path: Path) -> bool:
+    """Whether it looks like a checkpoint, whatever of it is damaged."""
+    try:
+        with zipfile.ZipFile(path) as file:
+            return f"{_ABOUT}.npy" in file.namelist()
+    except DAMAGED:
+        return False
 
 
 def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> int:

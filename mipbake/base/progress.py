@@ -41,7 +41,6 @@ WORDS: Mapping[str, str] = {
     "apparent BRDF": "plotting reflections",
     "report": "writing the page",
     "first page": "writing a first page",
-    "views": "rendering references",
     "fit": "fitting texels",
 }
 """Phase, or what its name begins with before a hyphen, to what is done in it."""

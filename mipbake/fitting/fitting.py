@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -14,15 +16,17 @@ from numpy.typing import NDArray
 
 from mipbake.base.checkpoints import alone_with
 from mipbake.base.errors import UsageError
-from mipbake.fitting.frames import Looked, looked
+from mipbake.fitting.frames import Looked
 from mipbake.fitting.loop import FitSettings, Loop, Progress
 from mipbake.fitting.parameters import Parameters
-from mipbake.fitting.prepared import Prepared, scores, scores_of_levels
+from mipbake.fitting.prepared import Prepared, scores
 from mipbake.fitting.probing import probe
-from mipbake.fitting.references import given, middle_lod, named, passes_for, supersampled
+from mipbake.fitting.references import Supersampled, given, named
 from mipbake.fitting.renderer import Array, Levels, Renderer, new_stamps
-from mipbake.fitting.shared import Rounds
-from mipbake.fitting.state import Checkpoint, FitState, kept_in, key_of
+from mipbake.fitting.schedule import CLOSING, FIRST, GROWING, LAST, ROUNDS, STAGES, Clock, Timed
+from mipbake.fitting.shared import Rounds, SharedNumbers
+from mipbake.fitting.state import FitFile, FitState, kept_in, key_of
+from mipbake.fitting.viewing import APART, CHOOSING, HELD_OUT, LEARNED, Reference, Views
 from mipbake.material.pixel_filter import PixelFilter, filter_named
 from mipbake.source.loading import PathLike, as_texture_set
 from mipbake.source.texture_set import TextureSet
@@ -32,7 +36,7 @@ from mipbake.stack.stack import MipStack
 References: TypeAlias = "Sequence[Any] | Callable[[Any], Any]"
 """An image (H, W, 3) for each view, in order; or a function from a view to its image."""
 
-_HELD_OUT_EVERY = 5  # of so many views one is held out, where none are given
+_HELD_OUT_EVERY, _APART_EVERY = 5, 10  # of so many views one is held out, and one apart, where none are given
 
 
 def fit(
@@ -44,6 +48,7 @@ def fit(
     source: TextureSet | PathLike | Sequence[PathLike] | None = None,
     reference: References | None = None,
     held_out: Sequence[Any] | None = None,
+    apart: Sequence[Any] | None = None,
     steps: int | None = None,
     budget: float | None = None,
     renders: int = 1,
@@ -53,7 +58,7 @@ def fit(
     seed: int = 0,
     checkpoint: str | Path | None = None,
     progress: Callable[[Progress], None] = lambda _now: None,
-    preparing: Callable[[float], None] = lambda _share: None,
+    working: Callable[[float, float | None], None] = lambda _share, _left: None,
 ) -> MipStack:
     """Optimises every texel of a stack in a renderer that only renders, so that it shows what the reference shows.
 
@@ -61,7 +66,11 @@ def fit(
     files of 8 bits, and the view is rendered twice. Each pixel's difference of errors is credited to the texels that
     this pixel looked up (equation 8), and Adam moves these. After each round over the views, views that are held out
     say of each level whether it is the best so far, and the best ones are kept. Then numbers that all texels of a level
-    share are found by least squares, see `mipbake.fitting.shared`. A level that gained nothing stays as it was.
+    share are found by least squares, see `mipbake.fitting.shared`. A level that gained nothing stays as it was. In the
+    end views *apart*, which nothing was learned from or chosen by, say what was gained.
+
+    With a budget a fit begins with few views and coarse references; there are more and better ones as it goes on. A
+    first stack that gained is there within a tenth of the budget, where a tenth is enough to prepare ten views.
 
     Images are compared as linear radiance, and as a display shows them: sRGB of x / (1 + x), exposed by the median of
     the reference (docs/conventions.md, section 4). What one of the two loses counts several times what the other gains.
@@ -77,25 +86,26 @@ def fit(
             the same renderer shows its level 0, supersampled under the stack's pixel filter. For that, views have a
             method `moved(right, up)`, in pixels.
         reference: in place of that, an image (H, W, 3) for each view, in order; or a function from a view to its image.
-            With `held_out` the images of these views follow.
-        held_out: views to check with. None: every fifth of `views`, which then is not learned from.
+            Images of `held_out` and of `apart` follow.
+        held_out: views that choose between states. None: every fifth of `views`, which then is not learned from.
+        apart: views that judge the result, and do nothing else. None: every tenth of `views`.
         steps: how many at most; None: 2000, where no budget is given either. With 0, starts are chosen and rounds
             are made alone.
-        budget: seconds for the steps, checks included, and for the rounds, which take a third of it at most; preparing
-            the views comes on top.
+        budget: seconds for all of it, from the call to the return. None: all views are prepared before the first step.
         renders: how often a step is rendered, each time with new signs and with their opposites: N of equation 9.
         rate: of Adam, in quantisation steps.
-        passes: renders of a supersampled reference; None: 16 at level of detail 0, up to 256 at coarser ones, and four
-            times as many for views that are held out.
+        passes: renders of a supersampled reference at most, 2 or more; None: 256 to learn from, 1024 of other views. A
+            reference has fewer where more would not matter.
         rounds: of Gauss-Newton steps of what all texels of a level share, after the other steps; 0: none, as in the
             paper.
         seed: of all that is random.
-        checkpoint: a file that the state is kept in after every check, and when the renderer fails. Where it is there,
-            the fit goes on from it, after its views have been prepared once more.
-        progress: called after every check. preparing: called with the share of views that are prepared.
+        checkpoint: a file that the state is kept in after checks, and when the renderer fails. Where it is there, the
+            fit goes on from it, after its views have been prepared once more, beside the budget.
+        progress: called after every check. working: called after each render with the share of the fit that is done,
+            and the seconds that are left of the budget, or None.
 
     Returns:
-        A stack of the same model, sizes and other maps, whose provenance says that it was fitted.
+        A stack of the same model, sizes and other maps, whose provenance says that it was fitted, and what it gained.
 
     Raises:
         UsageError: settings that make no sense, others of another model or size, no reference, or no renderer.
@@ -110,93 +120,169 @@ def fit(
     if not callable(getattr(renderer, "render", None)):
         raise UsageError(f"the renderer is a {type(renderer).__name__}: expected an object with render(levels, view)")
     settings = FitSettings(steps, budget, renders, rate, passes, seed, rounds)
-    learned, checked = _split(views, held_out)
+    kinds = _split(views, held_out, apart)
+    clock = Clock(budget, working)
     stack = as_stack(stack)
     stacks = (stack, *others)
     texture_set = None if source is None else as_texture_set(source)
     parameters = Parameters.of(stack.model, *stack.size, len(stack.levels))
     starts = _starts(stacks, parameters)
-    loop = Loop(renderer, parameters, stack.wrap, settings)
-    both = [*learned, *checked]
-    reference_of = _references(reference, texture_set, loop, filter_named(stack.provenance.pixel_filter), len(both))
+    loop = Loop(Timed(renderer, clock), parameters, stack.wrap, settings)
+    count = sum(map(len, kinds.values()))
+    reference_of = _references(reference, texture_set, loop, filter_named(stack.provenance.pixel_filter), count)
+    prepared = Views(loop.renderer, loop.levels_of(starts[0]), parameters, kinds, reference_of, passes)
     with nullcontext() if checkpoint is None else alone_with(Path(checkpoint)):
-        file = state = None
+        file = None
         if checkpoint is not None:
-            of = starts, stack.model, [named(view) for _, view in both]
-            file = Checkpoint(Path(checkpoint), key_of(*of, replace(settings, steps=None, budget=None, rounds=0)))
-            state = file.load()
-        resting = loop.levels_of(starts[0])
-        # All of them, before the renderer gets the source.
-        seen = [looked(renderer.render(resting, view), named(view)) for _, view in both]
-        prepared: list[Prepared] = []
-        for (index, view), found in zip(both, seen, strict=True):
-            image = reference_of(index, view, found, len(prepared) >= len(learned))
-            prepared.append(Prepared.of(view, found, image, parameters, stack.wrap))
-            preparing(len(prepared) / len(both))
-        training, checking = prepared[: len(learned)], prepared[len(learned) :]
-        if file is not None and state is not None:
-            file.check_started(state, scores(checking, np.array([view.started for view in checking])))
+            of = starts, stack.model, [(kind, [named(view) for _, view in each]) for kind, each in kinds.items()]
+            file = FitFile(Path(checkpoint), key_of(*of, replace(settings, steps=None, budget=None, rounds=0)))
+        state = _resumed(file, prepared, clock)
         if state is None:
-            for sentence in probe(loop, starts[0], training):
-                warnings.warn(sentence, stacklevel=2)
-            state = _begun(loop, starts, prepared, checking)
+            state = _begun(loop, starts, prepared, clock)
             if file is not None:
                 file.save(state)
-        still = [str(level) for level, snr in enumerate(state.begun) if not np.isfinite(snr).all()]
+
+        def tell(now: FitState, moving: int, found: Mapping[str, float]) -> None:
+            kept = partial(_finished, stacks, starts, parameters, now.best)
+            progress(Progress(clock.share, now.step, now.seconds, moving, found, now.gains.tolist(), kept))
+
+        last = _stages(loop, state, prepared, starts, file, tell, clock)
+        checking, begun = prepared.of(HELD_OUT), parameters.joined(starts, state.origins)
+        still = [str(level) for level, there in enumerate(_shown(checking)) if not there]
         if still:
             warnings.warn(
                 f"no view that is held out shows level {', '.join(still)} of {stack.name}, so that nothing is fitted "
                 "there: expected more views",
                 stacklevel=2,
             )
-        movable = np.flatnonzero(np.isfinite(state.begun).all(-1)).tolist()
-        last = Rounds.planned(loop, state.best, (training, checking), movable, starts)
-        left = None if budget is None else budget - last.seconds
-        loop.run(state, training, checking, file, progress, left, 1 - last.share)
-        best = loop.without_losses(state.best, parameters.joined(starts, state.origins), checking)
         with kept_in(file, state):
-            best, rounds_made = last.run(loop, best, prepared)
-        reached = scores(checking, loop.errors(best, checking))
-        gained = ", ".join(f"{scale} {state.started[scale]:.1f} to {score:.1f} dB" for scale, score in reached.items())
+            best = loop.without_losses(state.best, begun, checking)
+            best, rounds_made = last.run(loop, best)
+            judging = prepared.of(APART)
+
+            def left() -> float:
+                return clock.left(LAST) - prepared.pace * len(judging)
+
+            prepared.add((APART,), left)
+            prepared.refine((APART,), left)
+            reached = scores(judging, loop.errors(best, judging))
+        gained = ", ".join(
+            f"{scale} {score:.1f} to {reached[scale]:.1f} dB" for scale, score in _started(judging).items()
+        )
         name = getattr(renderer, "called", type(renderer).__name__)
         of_rounds = f" and {rounds_made} round{'s' * (rounds_made > 1)} of least squares" if rounds_made else ""
         adjustment = (
-            f"levels were fitted in the renderer {name} to {len(training)} views by {state.step} steps{of_rounds} with "
-            f"seed {seed}{_origins(stacks, state.origins)}; SNR of {len(checking)} other views: {gained}"
+            f"levels were fitted in the renderer {name} to {len(prepared.of(LEARNED))} views by {state.step} steps"
+            f"{of_rounds} with seed {seed}{_origins(stacks, state.origins)}; SNR of {len(judging)} views that nothing "
+            f"was learned from or chosen by: {gained}"
         )
-        provenance = replace(stack.provenance, promise=None, adjustments=(*stack.provenance.adjustments, adjustment))
-        return replace(stack, levels=_levels(stacks, starts, parameters, best), provenance=provenance)
+        return _finished(stacks, starts, parameters, best, adjustment)
 
 
-def _begun(loop: Loop, starts: Sequence[Array], prepared: Sequence[Prepared], checking: Sequence[Prepared]) -> FitState:
+def _stages(
+    loop: Loop,
+    state: FitState,
+    prepared: Views,
+    starts: Sequence[Array],
+    file: FitFile | None,
+    tell: Callable[[FitState, int, Mapping[str, float]], None],
+    clock: Clock,
+) -> Rounds:
+    """All steps, with more views before each stage of them but the first one; returns the rounds that follow."""
+    begun = loop.parameters.joined(starts, state.origins)
+    ends = STAGES if clock.budget is not None else STAGES[-1:]
+    limit = math.inf if clock.budget is None else ROUNDS * clock.budget
+    rounds = Rounds(SharedNumbers(loop.parameters), 0, ())
+    end = CLOSING
+    for stage in range(state.stage, len(ends)):
+        if stage > state.stage and loop.settings.stepped(state.step) < 1:
+            with kept_in(file, state):
+                before = clock.share
+                growing = before + GROWING * (ends[stage] * CLOSING - before)
+                passes = prepared.passes()
+                prepared.add(CHOOSING, partial(clock.left, (before + growing) / 2))
+                prepared.refine(CHOOSING, partial(clock.left, growing))
+                if prepared.passes() != passes:
+                    loop.judge_anew(state, begun, prepared.of(HELD_OUT))
+                state.stage, state.turned, state.checked = stage, state.step, state.step
+                state.passes, state.seconds = prepared.passes(), clock.seconds
+        learned, checking = prepared.of(LEARNED), prepared.of(HELD_OUT)
+        if stage + 1 == len(ends):
+            with kept_in(file, state):
+                movable = np.flatnonzero(_shown(checking)).tolist()
+                rounds = Rounds.planned(loop, state.best, (learned, checking), movable, starts, limit)
+            if clock.budget is not None:
+                end -= rounds.seconds / clock.budget
+        loop.run(state, learned, checking, file, tell, clock, min(ends[stage] * CLOSING, end), end)
+    return rounds
+
+
+def _resumed(file: FitFile | None, prepared: Views, clock: Clock) -> FitState | None:
+    """The state in the file, with its views, where there is one."""
+    state = None if file is None else file.load()
+    if file is None or state is None:
+        return None
+    prepared.rebuild(state.passes)
+    file.check_started(state, _started(prepared.of(HELD_OUT)))
+    clock.resume(state.seconds)
+    return state
+
+
+def _begun(loop: Loop, starts: Sequence[Array], prepared: Views, clock: Clock) -> FitState:
     """The state before the first step: each level is that of the stack which shows it best."""
-    errors = loop.errors(starts[0], checking)
-    first, origins = scores(checking, errors), np.zeros(len(loop.parameters.sizes), np.int64)
+    prepared.add(CHOOSING, partial(clock.left, FIRST), lambda: clock.viewed(prepared.share(*CHOOSING)))
+    prepared.refine(CHOOSING, partial(clock.left, FIRST))
+    for sentence in probe(loop, starts[0], prepared.of(LEARNED)):
+        warnings.warn(sentence, stacklevel=3)
+    checking = prepared.of(HELD_OUT)
+    origins = np.zeros(len(loop.parameters.sizes), np.int64)
     if len(starts) > 1:
         # No step has learned from any view yet, so that all of them are fair judges.
-        origins = loop.chosen(starts, prepared)
-        errors = loop.errors(loop.parameters.joined(starts, origins), checking)
+        origins = loop.chosen(starts, [*prepared.of(LEARNED), *checking])
     begun = loop.parameters.joined(starts, origins)
-    return FitState.first(begun, scores_of_levels(checking, errors), first, origins)
+    errors = np.array([view.started for view in checking]) if not origins.any() else loop.errors(begun, checking)
+    state = FitState.first(begun, errors, _started(checking), origins, _shown(checking))
+    state.passes = prepared.passes()
+    return state
 
 
-def _split(views: Sequence[Any], held_out: Sequence[Any] | None) -> tuple[list[tuple[int, Any]], list[tuple[int, Any]]]:
-    """Views to learn from and views to check with, each with its number."""
-    if len(views) < 2:
-        raise UsageError(f"{len(views)} views are given: expected two or more, so that one can be held out")
-    numbered = list(enumerate(views))
-    if held_out is not None:
-        if not held_out:
-            raise UsageError("held_out is empty: expected views to check with, or None")
-        return numbered, list(enumerate(held_out, len(views)))
+def _started(views: Sequence[Prepared]) -> dict[str, float]:
+    """Scores of the stack that a fit starts from."""
+    return scores(views, np.array([view.started for view in views]))
+
+
+def _shown(views: Sequence[Prepared]) -> NDArray[np.bool_]:
+    """(levels,) whether any of the views shows it."""
+    return np.asarray(np.sum([view.shares for view in views], axis=0) > 0)
+
+
+def _split(
+    views: Sequence[Any], held_out: Sequence[Any] | None, apart: Sequence[Any] | None
+) -> dict[str, list[tuple[int, Any]]]:
+    """Kind to views, each with its number."""
+    if len(views) < 3:
+        raise UsageError(
+            f"{len(views)} views are given: expected three or more, one to learn from, one to check with, and one to "
+            "judge the result with"
+        )
+    for name, each in (("held_out", held_out), ("apart", apart)):
+        if each is not None and not each:
+            raise UsageError(f"{name} is empty: expected views, or None")
+    found: dict[str, list[tuple[int, Any]]] = {LEARNED: [], HELD_OUT: [], APART: []}
     every = min(_HELD_OUT_EVERY, len(views))
-    return [each for each in numbered if each[0] % every != every - 1], numbered[every - 1 :: every]
+    for index, view in enumerate(views):
+        is_held_out = held_out is None and index % every == every - 1
+        is_apart = apart is None and index % _APART_EVERY == every // 2
+        found[HELD_OUT if is_held_out else APART if is_apart else LEARNED].append((index, view))
+    found[HELD_OUT] += enumerate(held_out or (), len(views))
+    found[APART] += enumerate(apart or (), len(views) + len(held_out or ()))
+    return found
 
 
 def _references(
     reference: References | None, source: TextureSet | None, loop: Loop, kernel: PixelFilter, count: int
-) -> Callable[[int, Any, Looked, bool], Array]:
-    """From a view's number, the view, where it looks up, and whether it is held out, to what it should show (H, W, 3).
+) -> Reference:
+    """What views should show.
 
     Args:
         count: of all views.
@@ -204,9 +290,8 @@ def _references(
     if reference is not None and not callable(reference) and len(reference) != count:
         raise UsageError(f"reference has {len(reference)} images: expected {count}, one for each view")
     original = None if source is None else _source_levels(source)
-    settings = loop.settings
 
-    def reference_of(index: int, view: Any, found: Looked, held_out: bool) -> Array:
+    def reference_of(index: int, view: Any, found: Looked) -> Array | Supersampled:
         if reference is not None:
             return given(reference(view) if callable(reference) else reference[index], named(view), found.size)
         if original is None:
@@ -214,9 +299,9 @@ def _references(
                 "neither source nor reference is given: expected the texture set that the stack was baked from, or "
                 "reference images"
             )
-        passes = settings.passes or passes_for(middle_lod(found, loop.parameters.sizes[0]), held_out)
-        whole = bool(found.seen.all())
-        return supersampled(loop.renderer, original, view, kernel, passes, settings.seed, whole, found.size)
+        return Supersampled(
+            loop.renderer, original, view, kernel, loop.settings.seed, bool(found.seen.all()), found.size
+        )
 
     return reference_of
 
@@ -245,8 +330,14 @@ def _described(stack: MipStack) -> str:
     return f"{len(stack.levels)} levels of {stack.model} from {width} x {height}"
 
 
-def _levels(stacks: Sequence[MipStack], starts: Sequence[Array], parameters: Parameters, values: Array) -> list[Array]:
-    """Stored channels of each level. Where the values are a stack's own, it is the stack's level, bit for bit."""
+def _finished(
+    stacks: Sequence[MipStack],
+    starts: Sequence[Array],
+    parameters: Parameters,
+    values: Array,
+    adjustment: str = "levels were fitted in a renderer, and the fit was stopped",
+) -> MipStack:
+    """The stack of fitted values. Where a level has the values of a stack, it is the stack's level, bit for bit."""
     stored = parameters.stored(values)
     for level in range(len(stored)):
         own = parameters.texels(level)
@@ -254,7 +345,9 @@ def _levels(stacks: Sequence[MipStack], starts: Sequence[Array], parameters: Par
             if np.array_equal(values[own], start[own]):
                 stored[level] = stack.levels[level]
                 break
-    return stored
+    first = stacks[0]
+    provenance = replace(first.provenance, promise=None, adjustments=(*first.provenance.adjustments, adjustment))
+    return replace(first, levels=stored, provenance=provenance)
 
 
 def _origins(stacks: Sequence[MipStack], origins: NDArray[np.integer]) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -14,15 +13,19 @@ from numpy.typing import NDArray
 from mipbake import stochastic
 from mipbake.base.errors import UsageError
 from mipbake.fitting.parameters import Parameters
-from mipbake.fitting.prepared import Prepared, decibels, scores, scores_of_levels, worth
+from mipbake.fitting.prepared import Prepared, decibels, gains_of_levels, scores, worth
 from mipbake.fitting.renderer import Array, Levels, Renderer, Stamps
-from mipbake.fitting.state import Checkpoint, FitState, kept_in
+from mipbake.fitting.schedule import Clock
+from mipbake.fitting.state import FitFile, FitState, kept_in
+from mipbake.stack.stack import MipStack
 
 DEFAULT_STEPS = 2000
 
 _PATIENCE = 3  # checks without a gain of a level, after which its rate is halved
 _LEAST_RATE = 1 / 64  # a level whose factor of the rate would be smaller is left as it is
 _LAST_RATE = 0.05  # factor that the rate falls to at the end of a budget
+
+_SAVING = 10.0  # times as long as the state took to be kept, steps go on before it is kept again
 
 _NO_TILES = np.empty(0, np.intp)
 
@@ -71,12 +74,9 @@ class FitSettings:
         """The number of steps at which a fit ends; None where its budget alone says when."""
         return DEFAULT_STEPS if self.steps is None and self.budget is None else self.steps
 
-    def share(self, step: int, seconds: float) -> float:
-        """How much of the steps and of the budget is spent, whichever is more, from 0 to 1."""
-        if self.last == 0:
-            return 1.0
-        by_steps = 0.0 if self.last is None else step / self.last
-        return min(1.0, max(by_steps, 0.0 if self.budget is None else seconds / self.budget))
+    def stepped(self, step: int) -> float:
+        """How much of the steps is made, from 0 to 1; 0 where their number has no end."""
+        return 0.0 if self.last is None else 1.0 if self.last == 0 else min(1.0, step / self.last)
 
 
 @dataclass(frozen=True)
@@ -84,13 +84,14 @@ class Progress:
     """What a fit tells of itself after each check.
 
     Args:
-        share: of the budget or of the steps that is done, from 0 to 1.
+        share: of the whole fit that is done, from 0 to 1.
         step, seconds: so far.
         moving: how many levels still gain.
         scores: mean SNR in dB over the views that are held out, by scale, now, as `mipbake.fitting.prepared.scores` has
             it. What is kept may be better.
         gains: of each level how many dB it has gained so far, over the views that show it: in the mean of all that is
             compared, where losses count several times.
+        stack: makes the stack as it is kept so far.
     """
 
     share: float
@@ -99,6 +100,7 @@ class Progress:
     moving: int
     scores: Mapping[str, float]
     gains: Sequence[float]
+    stack: Callable[[], MipStack]
 
 
 class Loop:
@@ -145,8 +147,8 @@ class Loop:
         It is the one that the views gain most with. It is the first one where the views lose by the others, beside the
         levels that were chosen.
         """
-        found = [scores_of_levels(views, self.errors(each, views)) for each in variants]
-        gains = np.stack([worth(each - found[0]) for each in found])  # NaN where no view shows a level
+        found = [self.errors(each, views) for each in variants]
+        gains = np.stack([gains_of_levels(views, found[0], each) for each in found])  # NaN where no view shows a level
         chosen = np.argmax(np.nan_to_num(gains), 0)
         joined = self.parameters.joined(variants, chosen)
         kept = self.without_losses(joined, variants[0], views)
@@ -162,71 +164,93 @@ class Loop:
         Levels were kept one by one, each beside others than it has in the end.
         """
         kept: Array = best.copy()
-        value = self._gain(kept, checking)
+        errors = self.errors(kept, checking)
+        value = _gain(errors, checking)
         for level in range(len(self.parameters.sizes)):
             own = self.parameters.texels(level)
             if np.array_equal(best[own], start[own]):
                 continue
-            without = kept.copy()
-            without[own] = start[own]
-            other = self._gain(without, checking)
+            kept[own] = start[own]
+            showing = [index for index, view in enumerate(checking) if view.shares[level] > 0]
+            others = errors.copy()
+            if showing:
+                others[showing] = self._errors(self.levels_of(kept, level), [checking[index] for index in showing])
+            other = _gain(others, checking)
             if other > value:
-                kept, value = without, other
+                errors, value = others, other
+            else:
+                kept[own] = best[own]
         return kept
 
-    def _gain(self, values: Array, views: Sequence[Prepared]) -> float:
-        """What is gained since the start, as `worth` has it, in the mean over scales."""
-        gained = decibels(self.errors(values, views)) - decibels(np.array([view.started for view in views]))
-        scales = sorted({view.scale for view in views})
-        of_scales = [gained[[view.scale == scale for view in views]].mean(0) for scale in scales]
-        return float(worth(np.array(of_scales)).mean())
+    def judge_anew(self, state: FitState, begun: Array, checking: Sequence[Prepared]) -> None:
+        """Judges what is kept by more views, or by views whose references have less noise.
+
+        A level that they lose by is given up. Levels that had stopped move again.
+
+        Args:
+            begun: (texels, channels) that steps began with.
+        """
+        state.begun = self.errors(begun, checking)
+        state.started = scores(checking, np.array([view.started for view in checking]))
+        gains = gains_of_levels(checking, state.begun, self.errors(state.best, checking))
+        state.gains = np.nan_to_num(np.maximum(gains, 0.0))
+        state.rates, state.waited[...] = np.where(np.isnan(gains), 0.0, 1.0), 0
+        for level in np.flatnonzero(gains < 0).tolist():
+            own = self.parameters.texels(level)
+            state.best[own] = begun[own]
 
     def run(
         self,
         state: FitState,
         training: Sequence[Prepared],
         checking: Sequence[Prepared],
-        file: Checkpoint | None,
-        progress: Callable[[Progress], None],
-        budget: float | None,
-        whole: float = 1.0,
+        file: FitFile | None,
+        progress: Callable[[FitState, int, Mapping[str, float]], None],
+        clock: Clock,
+        until: float,
+        end: float,
     ) -> None:
-        """Steps until these seconds or the steps are spent, or until no level gains any more.
+        """Steps until a share of the budget or the steps are spent, or until no level gains any more.
 
         Args:
             state: changes. training, checking: views to learn from, and those that are held out.
-            file: where the state is kept after each check.
-            progress: called after each check, with all steps as the share `whole` of the fit.
-            budget: seconds for the steps.
+            file: where the state is kept after a check, unless that takes too long.
+            progress: called after each check with the state, how many levels move, and what it scores.
+            until, end: shares of the budget at which these steps, and all steps, end.
 
         Raises:
             RendererError: the renderer failed. The state is kept in the file, where there is one.
         """
-        settings, gradient = replace(self.settings, budget=budget), np.zeros_like(state.values)
+        settings, gradient = self.settings, np.zeros_like(state.values)
         sides = (state.values.copy(), state.values.copy())
-        begun, before = time.monotonic(), state.seconds
+        saved, saving = -math.inf, 0.0
 
-        def share() -> float:
-            state.seconds = before + time.monotonic() - begun
-            return settings.share(state.step, state.seconds)
+        def over() -> bool:
+            return settings.stepped(state.step) >= 1 or clock.left(until) <= 0
 
         def unchecked() -> bool:
-            return state.step > state.checked and (state.step % len(training) == 0 or share() >= 1)
+            return state.step > state.checked and (state.step - state.turned >= len(training) or over())
 
-        while (share() < 1 or unchecked()) and state.rates.any():
-            order = np.random.default_rng([settings.seed, state.step // len(training)]).permutation(len(training))
+        while (not over() or unchecked()) and state.rates.any():
+            order = np.random.default_rng([settings.seed, state.turned]).permutation(len(training))
             with kept_in(file, state):
-                for index in () if unchecked() else order[state.step % len(training) :]:
-                    falling = _LAST_RATE + (1 - _LAST_RATE) * 0.5 * (1 + math.cos(math.pi * share()))
+                for index in () if unchecked() else order[state.step - state.turned :]:
+                    done = max(settings.stepped(state.step), clock.share / end if clock.budget else 0.0)
+                    falling = _LAST_RATE + (1 - _LAST_RATE) * 0.5 * (1 + math.cos(math.pi * min(1.0, done)))
                     self._step(state, training[index], gradient, sides, settings.rate * falling)
-                    if share() >= 1:
+                    state.seconds = clock.seconds
+                    clock.stepped(settings.stepped(state.step))
+                    if over():
                         break
                 now = self._check(state, checking, sides)
-                state.checked = state.step
-            done, moving = share(), int(np.count_nonzero(state.rates))
-            if file is not None:
+                state.checked, state.seconds = state.step, clock.seconds
+                if state.step - state.turned >= len(training):
+                    state.turned = state.step
+            if file is not None and (state.seconds - saved > _SAVING * saving or over()):
+                saved = clock.seconds
                 file.save(state)
-            progress(Progress(whole * done, state.step, state.seconds, moving, now, state.gains.tolist()))
+                saving = clock.seconds - saved
+            progress(state, int(np.count_nonzero(state.rates)), now)
 
     def _step(self, state: FitState, view: Prepared, gradient: Array, sides: tuple[Array, Array], rate: float) -> None:
         """Moves the texels that a view shows."""
@@ -252,7 +276,7 @@ class Loop:
     def _check(self, state: FitState, checking: Sequence[Prepared], sides: tuple[Array, Array]) -> dict[str, float]:
         """Keeps the levels that are the best so far, and lowers the rate of those that were not for some time."""
         found = self._errors(self.levels_near(state.values, _NO_TILES), checking)
-        for level, gain in enumerate(worth(scores_of_levels(checking, found) - state.begun)):
+        for level, gain in enumerate(gains_of_levels(checking, state.begun, found)):
             own = self.parameters.texels(level)
             if gain > state.gains[level]:
                 state.best[own], state.gains[level], state.waited[level] = state.values[own], gain, 0
@@ -265,3 +289,11 @@ class Loop:
                     array[own] = state.best[own]
                 self._stamps.touch_all(level)
         return scores(checking, found)
+
+
+def _gain(errors: NDArray[np.float64], views: Sequence[Prepared]) -> float:
+    """What is gained since the start, as `worth` has it, in the mean over scales."""
+    gained = decibels(errors) - decibels(np.array([view.started for view in views]))
+    scales = sorted({view.scale for view in views})
+    of_scales = [gained[[view.scale == scale for view in views]].mean(0) for scale in scales]
+    return float(worth(np.array(of_scales)).mean())

@@ -84,16 +84,19 @@ class RendererChoice:
 
     def views_of(
         self, size: tuple[int, int], wrap: tuple[str, str], each: int, seed: int
-    ) -> tuple[Sequence[Any], Sequence[Any] | None]:
-        """The views of a stack, and views to check with: the views of the file, of which some are later kept for checks
-        (None); or `each` of a plane at each level of detail, and a quarter as many others.
+    ) -> tuple[Sequence[Any], Sequence[Any] | None, Sequence[Any] | None]:
+        """Views of a stack to learn from, to choose by, and to judge the result with.
+
+        They are the views of the file, of which some are later kept for the other uses (None); or `each` of a plane at
+        each level of detail, and a quarter as many others for each of the other uses.
 
         Raises:
             InputError: the file cannot be read.
         """
         if self.views is not None:
-            return read_views(self.views), None
-        return standard_views(size, wrap, each, seed), standard_views(size, wrap, max(2, each // 4), seed + 1)
+            return read_views(self.views), None, None
+        fewer = max(2, each // 4)
+        return tuple(standard_views(size, wrap, many, seed + use) for use, many in enumerate((each, fewer, fewer)))
 
 
 class _UserRenderer:

@@ -6,7 +6,7 @@ Errors are counted twice, and each counts as much: of linear radiance, and of wh
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -32,6 +32,11 @@ _LEAST_ERROR = 1e-9
 """A smaller share of an error counts as this, 90 dB: what 8 bits can hold ends before."""
 
 
+_CERTAIN = 0.1
+"""What noise of a reference leaves of an error is at least this share of it: where the noise is most of the error,
+nobody knows what is left."""
+
+
 @dataclass(frozen=True, eq=False)
 class Prepared:
     """A view and what is known of it.
@@ -40,49 +45,44 @@ class Prepared:
         view: what the renderer gets.
         name, scale: of the view.
         size: (height, width) in pixels.
-        exposure: what images are multiplied by before they are displayed.
-        reference: (P, 6) displayed and linear pixels of the reference.
-        weights: (2,) one over the reference's sums of squares: errors count as shares.
-        started: (2,) errors, as shares, of the stack that a fit started from.
+        begun: (P, 3) pixels of the stack that a fit starts from.
         shown: (P,) 1 where a pixel shows the maps, and 0 where its error does not count.
         tiles: the tiles that these texels lie in, (T,) increasing, as `mipbake.fitting.renderer.tiles_of` numbers them.
         shares: (levels,) float64, how much of what the pixels read lies in each level; they sum to 1.
         read: which pixels read each texel.
+        exposure: what images are multiplied by before they are displayed.
+        reference: (P, 6) displayed and linear pixels of the reference.
+        weights: (2,) one over the reference's sums of squares: errors count as shares.
+        noise: (2,) how much of an error is the reference's own noise, as a share: an estimate.
+        started: (2,) errors, as shares, of the stack that a fit started from.
     """
 
     view: Any
     name: str
     scale: str
     size: tuple[int, int]
-    exposure: float
-    reference: Array
-    weights: NDArray[np.float64]
-    started: NDArray[np.float64]
+    begun: Array
     shown: Array
     tiles: NDArray[np.intp]
     shares: NDArray[np.float64]
     read: Contributions
+    exposure: float
+    reference: Array
+    weights: NDArray[np.float64]
+    noise: NDArray[np.float64]
+    started: NDArray[np.float64]
 
     @staticmethod
-    def of(view: Any, found: Looked, image: Array, parameters: Parameters, wrap: tuple[str, str]) -> Prepared:
+    def of(view: Any, found: Looked, halves: Array, parameters: Parameters, wrap: tuple[str, str]) -> Prepared:
         """A view with its reference.
 
         Args:
             found: what the renderer shows of the stack that the fit starts from.
-            image: (H, W, 3) the reference.
+            halves: (2, H, W, 3) two estimates of the reference that know nothing of each other, or the same twice.
 
         Raises:
             RendererError: the reference is black.
         """
-        pixels, shown = image.reshape(-1, 3), found.seen.astype(np.float32)
-        if not (pixels[found.seen > 0] > 0).any():
-            raise RendererError(
-                f"{named(view)}: the reference is black wherever the maps show: expected light on the material"
-            )
-        exposure = film_exposure(pixels[found.seen > 0])
-        reference = _looks(pixels, exposure)
-        weights = 1 / _energies(reference, shown)
-        started = np.maximum(weights * _energies(_looks(found.image, exposure) - reference, shown), _LEAST_ERROR)
         sizes, uv_da = parameters.sizes, found.uv_da
         touched: NDArray[np.int32]
         if uv_da is not None:
@@ -90,20 +90,55 @@ class Prepared:
         else:
             touched = touched_texels(sizes, found.uv, found.lod, None, found.seen, "trilinear", wrap)
         read = contributions(touched)
+        unknown = np.zeros(2)
         return Prepared(
             view,
             named(view),
             str(getattr(view, "scale", "") or "all"),
             found.size,
-            exposure,
-            reference,
-            weights,
-            started,
-            shown,
+            found.image,
+            found.seen.astype(np.float32),
             tiles_of(np.asarray(read.elements), parameters.sizes),
             parameters.shares(read),
             read,
-        )
+            1.0,
+            found.image,
+            unknown,
+            unknown,
+            unknown,
+        ).aiming_at(halves)
+
+    def aiming_at(self, halves: Array) -> Prepared:
+        """The same view with another estimate of its reference.
+
+        A display shows less of a mean of few noisy renders than of their limit, because its curve bends. What it shows
+        of the halves lacks twice as much in the mean; the jackknife takes the difference off (Quenouille 1956, *Notes
+        on Bias in Estimation*).
+
+        Args:
+            halves: (2, H, W, 3) two estimates that know nothing of each other, or the same twice.
+
+        Raises:
+            RendererError: the reference is black.
+        """
+        first, second = halves.reshape(2, -1, 3)
+        pixels, seen = np.asarray((first + second) / 2, np.float32), self.shown > 0
+        if not (pixels[seen] > 0).any():
+            raise RendererError(
+                f"{self.name}: the reference is black wherever the maps show: expected light on the material"
+            )
+        exposure = film_exposure(pixels[seen])
+        sides = _looks(first, exposure), _looks(second, exposure)
+        reference = np.asarray(2 * _looks(pixels, exposure) - (sides[0] + sides[1]) / 2, np.float32)
+        weights = 1 / _energies(reference, self.shown)
+        noise = weights * _energies(sides[0] - sides[1], self.shown) / 4
+        found = replace(self, exposure=exposure, reference=reference, weights=weights, noise=noise)
+        return replace(found, started=np.maximum(found.errors(self.begun), _LEAST_ERROR))
+
+    @property
+    def uncertainty(self) -> float:
+        """Noise of the reference over the error that the fit began with, of the part where that is larger."""
+        return float((self.noise / self.started).max())
 
     @property
     def visible(self) -> NDArray[np.int32]:
@@ -132,8 +167,10 @@ class Prepared:
         return _looks(pixels, self.exposure) * self._factors
 
     def errors(self, pixels: Array) -> NDArray[np.float64]:
-        """(2,) errors of the pixels (P, 3) of an image, as shares of the reference's sums of squares."""
-        return self.weights * _energies(_looks(pixels, self.exposure) - self.reference, self.shown)
+        """(2,) errors of the pixels (P, 3) of an image, as shares of the reference's sums of squares, without what is
+        the reference's own noise."""
+        whole = self.weights * _energies(_looks(pixels, self.exposure) - self.reference, self.shown)
+        return np.asarray(np.maximum(whole - self.noise, _CERTAIN * whole))
 
 
 def _looks(pixels: Array, exposure: float) -> Array:
@@ -176,13 +213,22 @@ def scores(views: Sequence[Prepared], errors: NDArray[np.float64]) -> dict[str, 
     return {scale: sum(each) / len(each) for scale, each in found.items()}
 
 
-def scores_of_levels(views: Sequence[Prepared], errors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(levels, 2) mean SNR in dB of the views, weighed with how much of each level they show; NaN where none does.
+def gains_of_levels(
+    views: Sequence[Prepared], before: NDArray[np.float64], after: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(levels,) what views gain, as `worth` has it; NaN for a level that none shows.
+
+    Each view is weighed with how much of the level it shows. Of the mean gain of each part its standard error is taken
+    off: a few views that gain by chance are no reason to keep a state, and the best of many states is often one that
+    chance favours.
 
     Args:
-        errors: (views, 2).
+        before, after: (views, 2) errors.
     """
     shares = np.stack([view.shares for view in views])
-    shown = np.sum(shares, axis=0)[:, None]
-    total = shares.T @ decibels(errors)
-    return np.asarray(np.where(shown > 0, total / np.where(shown > 0, shown, 1), np.nan))
+    gains = decibels(after) - decibels(before)
+    shown = shares.sum(0)[:, None]
+    known = np.where(shown > 0, shown, 1)
+    mean = shares.T @ gains / known
+    spread = np.sqrt(np.einsum("vl,vlp->lp", np.square(shares), np.square(gains[:, None] - mean))) / known
+    return np.where(shown[:, 0] > 0, worth(mean - spread), np.nan)

@@ -34,8 +34,8 @@ _DAMPINGS = (0.01, 0.1, 1.0, 10.0)
 _LEAST_SHARE = 0.01
 """Pixels of a view read several levels. A level takes part in a view where it has this share of what they read."""
 
-_MOST = 1 / 3
-"""All rounds together take so much of a budget at most."""
+_SHOWN = 3
+"""About so many levels show in a view."""
 
 _WIDEST = 8
 """Of each scale, every view up to every eighth one is learned from. Where even that takes too long, there are no
@@ -151,16 +151,16 @@ class Rounds:
         count: of rounds, at most.
         movable: numbers of the levels that may move.
         learning: views that derivatives are taken in.
-        seconds: of the budget that the rounds are expected to take; 0 where there is none.
-        share: of the whole fit that they are, about, from 0 to 1.
+        judging: views that say how far each level goes.
+        seconds: that the rounds are expected to take; 0 where they may take as long as they like.
     """
 
     shared: SharedNumbers
     count: int
     movable: Sequence[int]
-    learning: Sequence[Prepared]
+    learning: Sequence[Prepared] = ()
+    judging: Sequence[Prepared] = ()
     seconds: float = 0.0
-    share: float = 0.0
 
     @staticmethod
     def planned(
@@ -169,8 +169,9 @@ class Rounds:
         views: tuple[Sequence[Prepared], Sequence[Prepared]],
         movable: Sequence[int],
         others: Sequence[Array] = (),
+        limit: float = math.inf,
     ) -> Rounds:
-        """Rounds that take a share of the budget at most: few of the views are learned from where there are too many.
+        """Rounds that take so many seconds at most: few of the views are learned from where there are too many.
 
         Args:
             values: (texels, channels), about as they will be.
@@ -178,19 +179,17 @@ class Rounds:
             others: values of stacks that levels may move towards.
         """
         learning, checking = views
-        settings, shared = loop.settings, SharedNumbers(loop.parameters, others)
-        rounds = settings.rounds
+        rounds, shared = loop.settings.rounds, SharedNumbers(loop.parameters, others)
         if not rounds or not movable:
-            return Rounds(shared, 0, movable, learning)
+            return Rounds(shared, 0, movable)
+        if limit == math.inf:
+            return Rounds(shared, rounds, movable, learning, [*learning, *checking])
         # Once steps have moved a level, each of its maps can move back towards the stack that it started from, as well.
-        back = len(loop.parameters.model.maps) if others and settings.last != 0 else 0
+        back = len(loop.parameters.model.maps) if others and loop.settings.last != 0 else 0
         counts = {level: len(shared.of(values, level)) + back for level in movable}
-        derived = sum(1 + sum(counts[n] for n in movable if view.shares[n] >= _LEAST_SHARE) for view in learning)
-        judged = (2 * len(_DAMPINGS) + 2 + len(movable)) * (len(learning) + len(checking))
-        if settings.budget is None:
-            steps = math.inf if settings.last is None else settings.last
-            renders = rounds * (derived + judged)
-            return Rounds(shared, rounds, movable, learning, 0.0, renders / (renders + 2 * steps * settings.renders))
+        judged = 2 * len(_DAMPINGS) + 2 + _SHOWN  # renders of each view, about
+        derived = sum(counts[n] for view in learning for n in movable if view.shares[n] >= _LEAST_SHARE)
+        learned = derived + (1 + judged) * len(learning)
         began = time.monotonic()
         for level in movable:
             shared.moved(values, level, (), ())
@@ -198,20 +197,19 @@ class Rounds:
         began = time.monotonic()
         loop.errors(values, checking)
         pace = (time.monotonic() - began) / len(checking)
-        left = (_MOST * settings.budget / rounds - texels) / pace - judged
-        every = math.ceil(derived / left) if left > 0 else math.inf
+        left = (limit / rounds - texels) / pace - judged * len(checking)
+        every = math.ceil(learned / left) if left > 0 else math.inf
         if every > _WIDEST:
-            return Rounds(shared, 0, movable, learning)
+            return Rounds(shared, 0, movable)
         chosen = _thinned(learning, int(every))
-        seconds = rounds * (texels + pace * (judged + derived * len(chosen) / len(learning)))
-        return Rounds(shared, rounds, movable, chosen, seconds, min(seconds / settings.budget, _MOST))
+        renders = learned * len(chosen) / len(learning) + judged * len(checking)
+        return Rounds(shared, rounds, movable, chosen, [*chosen, *checking], rounds * (texels + pace * renders))
 
-    def run(self, loop: Loop, values: Array, judging: Sequence[Prepared]) -> tuple[Array, int]:
+    def run(self, loop: Loop, values: Array) -> tuple[Array, int]:
         """The values after all rounds, and how many rounds there were: none follows one that changes nothing.
 
         Args:
             loop: what renders. values: (texels, channels) to begin with.
-            judging: views that say how far each level goes.
 
         Returns:
             (texels, channels). A level that gains nothing stays bit for bit.
@@ -224,7 +222,7 @@ class Rounds:
             for damping in _DAMPINGS:
                 for alone in (False, True):
                     variants.append(self._stepped(values, numbers, matrix, right, damping, alone))
-            chosen = loop.chosen(variants, judging)
+            chosen = loop.chosen(variants, self.judging)
             if not chosen.any():
                 return values, done
             values = loop.parameters.joined(variants, chosen)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import zipfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -15,19 +14,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.base.checkpoints import DAMAGED, read_arrays, write_arrays
+from mipbake.base.checkpoints import DAMAGED, Checkpoint
 from mipbake.base.errors import InputError, RendererError
-from mipbake.base.publish import check_file, writing
 from mipbake.fitting.renderer import Array
 from mipbake.stochastic import Moments
 
-_FORMAT = 6
+_FORMAT = 7
 _SAME = 0.25
 """dB by which scores of the same stack may differ in the same renderer, which may be a little noisy."""
 
 _ARRAYS = ("values", "best", "begun", "gains", "rates", "waited", "origins")
 _MOMENTS = ("first", "second", "steps")
-_COUNTS = ("started", "step", "checked", "seconds")
+_COUNTS = ("started", "passes", "stage", "step", "turned", "checked", "seconds")
 
 
 @dataclass(eq=False)
@@ -38,13 +36,15 @@ class FitState:
         values: (texels, channels) now.
         moments: of Adam.
         best: of each level the values that were best on the views that are held out.
-        begun: (levels, 2) float64, mean SNR in dB of these views at the start; NaN for a level that none shows.
+        begun: (views, 2) float64, errors of these views where the steps began.
         gains: (levels,) float64, how many dB more `best` has, as `prepared.worth` counts them.
         rates: (levels,) float64, factors of the rates, which fall. waited: (levels,) int64, checks since the best.
         origins: (levels,) int64, number of the stack that each level started from.
         started: scores over the views that are held out, of the stack that the fit started from.
-        step: steps that were made. checked: how many there were at the last check. seconds: that were spent on
-            them, with the checks.
+        passes: kind of views to the renders of the reference of each that is prepared, as `Views.passes` has it.
+        stage: number of the stage that steps are made in.
+        step: steps that were made. turned: how many there were when the views were gone through last, or when there
+            were more of them. checked: the same of the last check. seconds: that were spent, on everything.
     """
 
     values: Array
@@ -56,23 +56,30 @@ class FitState:
     waited: NDArray[np.int64]
     origins: NDArray[np.int64]
     started: dict[str, float]
+    passes: dict[str, list[int]] = field(default_factory=dict)
+    stage: int = 0
     step: int = 0
+    turned: int = 0
     checked: int = 0
     seconds: float = 0.0
 
     @staticmethod
     def first(
-        values: Array, begun: NDArray[np.float64], started: dict[str, float], origins: NDArray[np.int64]
+        values: Array,
+        begun: NDArray[np.float64],
+        started: dict[str, float],
+        origins: NDArray[np.int64],
+        shown: NDArray[np.bool_],
     ) -> FitState:
-        """The state before the first step. A level that no view shows which is held out does not move."""
-        rates = np.where(np.isfinite(begun).all(-1), 1.0, 0.0)
-        waited = np.zeros(len(begun), np.int64)
-        moments, gains = Moments.of(values), np.zeros(len(begun))
+        """The state before the first step. `shown`: (levels,) whether a view shows it which is held out; a level that
+        none shows does not move."""
+        waited, gains = np.zeros(len(shown), np.int64), np.zeros(len(shown))
+        rates, moments = np.where(shown, 1.0, 0.0), Moments.of(values)
         return FitState(values.copy(), moments, values.copy(), begun, gains, rates, waited, origins, started)
 
 
 @dataclass(frozen=True)
-class Checkpoint:
+class FitFile:
     """A file that a state is kept in.
 
     Args:
@@ -85,12 +92,10 @@ class Checkpoint:
 
     def save(self, state: FitState) -> None:
         """Replaces the file, as a whole. OutputError: the file cannot be written."""
-        about = {"format": _FORMAT, "key": self.key, **{name: getattr(state, name) for name in _COUNTS}}
-        arrays = {"about": np.frombuffer(json.dumps(about).encode(), np.uint8)}
-        arrays |= {name: getattr(state, name) for name in _ARRAYS}
+        arrays = {name: getattr(state, name) for name in _ARRAYS}
         arrays |= {name: getattr(state.moments, name) for name in _MOMENTS}
-        with writing(f"the checkpoint {self.path} cannot be written"):
-            write_arrays(self.path, arrays)
+        about = {"key": self.key, **{name: getattr(state, name) for name in _COUNTS}}
+        checkpoint_at(self.path).save(about, arrays)
 
     def load(self) -> FitState | None:
         """The state in the file; None where there is none.
@@ -100,20 +105,17 @@ class Checkpoint:
         """
         if not self.path.exists():
             return None
-        try:
-            arrays = read_arrays(self.path, lambda _: None)
-            about = json.loads(arrays["about"].tobytes())
-            of = about["format"], about["key"]
-            kept: dict[str, Any] = {name: arrays[name] for name in _ARRAYS} | {name: about[name] for name in _COUNTS}
-            moments = Moments(*(arrays[name] for name in _MOMENTS))
-        except DAMAGED as error:
-            raise InputError(f"the checkpoint {self.path} cannot be read ({error}): delete it to begin anew") from error
-        if of != (_FORMAT, self.key):
+        about, arrays = checkpoint_at(self.path).load()
+        if about.get("key") != self.key:
             raise InputError(
                 f"the checkpoint {self.path} is of another fit (another stack, other views or settings): delete it, or "
                 "choose another file"
             )
-        return FitState(moments=moments, **kept)
+        try:
+            kept: dict[str, Any] = {name: arrays[name] for name in _ARRAYS} | {name: about[name] for name in _COUNTS}
+            return FitState(moments=Moments(*(arrays[name] for name in _MOMENTS)), **kept)
+        except DAMAGED as error:
+            raise InputError(f"the checkpoint {self.path} cannot be read ({error}): delete it to begin anew") from error
 
     def check_started(self, state: FitState, scores: Mapping[str, float]) -> None:
         """Checks that held-out views show the stack that the fit started from as they did then.
@@ -134,22 +136,13 @@ class Checkpoint:
                 )
 
 
-def check_checkpoint(path: Path) -> None:
-    """OutputError where a file is in the way that is no checkpoint of a fit. For before long work."""
-    check_file(path, _is_checkpoint, "checkpoint of a fit")
-
-
-def _is_checkpoint(path: Path) -> bool:
-    """Whether it says so, whatever of it is damaged."""
-    try:
-        with zipfile.ZipFile(path) as file:
-            return {f"{name}.npy" for name in ("about", *_ARRAYS, *_MOMENTS)} <= {*file.namelist()}
-    except DAMAGED:
-        return False
+def checkpoint_at(path: Path) -> Checkpoint:
+    """A file that a fit is kept in."""
+    return Checkpoint(path, "fit", _FORMAT)
 
 
 @contextmanager
-def kept_in(file: Checkpoint | None, state: FitState) -> Iterator[None]:
+def kept_in(file: FitFile | None, state: FitState) -> Iterator[None]:
     """Keeps the state in the file, where there is one, whatever ends what is done with it.
 
     Raises:

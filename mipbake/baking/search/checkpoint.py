@@ -11,7 +11,6 @@ same folder keeps nothing. What cannot be written or read costs time, and nothin
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import shutil
 import time
@@ -22,13 +21,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.baking.search.blending import Blend
 from mipbake.baking.search.ingredients import Rivals, renders
 from mipbake.base import memory
-from mipbake.base.checkpoints import DAMAGED, Make, lock_of, read_arrays, write_arrays
+from mipbake.base.checkpoints import DAMAGED, Make, lock_of, read_about, read_arrays, write_kept
 from mipbake.base.publish import reason
 from mipbake.base.version import __version__
 from mipbake.quality.judging.judge import Baseline, Judge
@@ -37,7 +35,6 @@ from mipbake.quality.judging.terms import TERMS, Weights
 from mipbake.quality.reference.problem import Image, Problem
 
 _LOCK, _START, _REGION = "lock", "start.npz", "region-{}.npz"
-_ABOUT = "about"  # array of a file that holds JSON, in bytes
 
 LEAST_SECONDS = 10.0
 """Between two writings."""
@@ -91,8 +88,8 @@ class Checkpoint:
         try:
             if not self.path.is_dir() or not self._locked():
                 return None
-            start = _about(self.path / _START)
-            files = [(path, _about(path)) for path in sorted(self.path.glob(_REGION.format("*")))]
+            start = read_about(self.path / _START)
+            files = [(path, read_about(path)) for path in sorted(self.path.glob(_REGION.format("*")))]
             regions = {path: about for path, about in files if about["key"] == start["key"]}
             why = self._other(start, [start, *regions.values()])
             if not why:
@@ -185,13 +182,13 @@ class Checkpoint:
             _remove(self.path, folder=False)  # what another search, or a process that was killed, has left
             key, (arrays, names) = uuid.uuid4().hex, _start_parts(start)
             of = {"version": __version__, "of": self._of, "key": key}
-            _write(self.path / _START, arrays, {**about, **of, **names})
+            write_kept(self.path / _START, {**about, **of, **names}, arrays)
             self._key = key
         for index in [each for each in done if each not in self._done]:
             windows = [(level, *((s.start, s.stop) for s in at)) for level, at in done[index].items()]
             arrays = {_level(level): levels[level][at] for level, at in done[index].items()}
             own = {"key": self._key, "index": index, "windows": windows}
-            _write(self.path / _REGION.format(index), arrays, {**about, **own})
+            write_kept(self.path / _REGION.format(index), {**about, **own}, arrays)
             self._done.add(index)
 
     def _locked(self) -> bool:
@@ -262,17 +259,6 @@ def size_of(path: Path) -> int:
         return sum(file.stat().st_size for file in path.iterdir())
     except OSError:
         return 0
-
-
-def _write(path: Path, arrays: Arrays, about: Mapping[str, Any]) -> None:
-    write_arrays(path, {_ABOUT: np.frombuffer(json.dumps(about).encode(), np.uint8), **arrays})
-
-
-def _about(path: Path) -> dict[str, Any]:
-    """What a file says of itself. One of DAMAGED where it cannot be read."""
-    with np.load(path) as file:
-        about: dict[str, Any] = json.loads(file[_ABOUT].tobytes())
-    return about
 
 
 def _level(index: int) -> str:

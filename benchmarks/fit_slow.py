@@ -1,0 +1,143 @@
+"""What a fit gains in a renderer of 50 ms a frame, by the time that it has taken.
+
+    python benchmarks/fit_slow.py MATERIALS --results RESULTS
+
+MATERIALS is a folder of texture sets. The renderer is OpenGL with a clear coat, which waits until 50 ms have passed for
+each frame, as an engine would that draws a whole scene. Nothing is prepared beforehand: the budget holds for all that
+`mipbake fit` does after it has baked the stacks that it starts from. Stacks are kept as they are at some times, and
+then shown in views that the fit never had, each by itself, without waiting.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import closing
+from dataclasses import asdict, dataclass, fields
+from typing import Any
+
+import numpy as np
+from fit import FILTER, LEARNED, Effort, measured, texture_set_of
+from fit_tables import OTHERS, START
+from results_sets import folder_sets
+from timing import keep, parser_of, table
+
+import mipbake
+from mipbake import MipStack
+from mipbake.fitting import SCALES, Frame, Levels, Progress, View
+from mipbake.fitting.named import RendererChoice
+from mipbake.quality.metrics import snr_from_sums
+
+SETS = ("acg_metal007", "acg_leather036b")
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How slow the renderer is, and when stacks are kept.
+
+    Args:
+        frame: seconds of each frame. minutes: of the budget. kept: minutes at which stacks are kept.
+    """
+
+    frame: float = 0.05
+    minutes: float = 10.0
+    kept: tuple[float, ...] = (1.0, 2.0, 5.0)
+
+
+class Slow:
+    """A renderer that takes so many seconds for each frame, or as long as another one does."""
+
+    def __init__(self, renderer: Any, frame: float) -> None:
+        self._renderer, self._frame, self.frames = renderer, frame, 0
+        self.called = f"{renderer.called}, slowed down"
+
+    def render(self, levels: Levels, view: View) -> Frame:
+        over = time.monotonic() + self._frame
+        found: Frame = self._renderer.render(levels, view)
+        time.sleep(max(0.0, over - time.monotonic()))
+        self.frames += 1
+        return found
+
+
+def fitted(
+    stacks: Mapping[str, MipStack], renderer: Any, texture_set: mipbake.TextureSet, pace: Pace
+) -> tuple[dict[str, MipStack], dict[str, Any]]:
+    """Stacks by the minutes that they took; and what the fit did."""
+    size, wrap = (texture_set.height, texture_set.width), texture_set.wrap
+    learned, checked, apart = RendererChoice("gl").views_of(size, wrap, 16, LEARNED)  # as on a command line
+    slow, began, kept, told = Slow(renderer, pace.frame), time.monotonic(), dict[str, MipStack](), list[Progress]()
+
+    def progress(now: Progress) -> None:
+        told.append(now)
+        for minutes in pace.kept:
+            if now.seconds <= 60 * minutes:
+                kept[f"{minutes:g}"] = now.stack()
+
+    found = mipbake.fitting.fit(
+        stacks[START],
+        slow,
+        learned,
+        others=[stacks[name] for name in OTHERS],
+        source=texture_set,
+        held_out=checked,
+        apart=apart,
+        budget=60 * pace.minutes,
+        progress=progress,
+    )
+    about = {"seconds": time.monotonic() - began, "first": told[0].seconds, "frames": slow.frames}
+    said = found.provenance.adjustments[-1]
+    return {**kept, f"{pace.minutes:g}": found}, {**about, "steps": told[-1].step, "said": said}
+
+
+def gains_table(data: Mapping[str, Any]) -> str:
+    """Markdown: SNR of what a display shows / of linear radiance, by minutes, set and scale."""
+    rows = []
+    for name, each in data["sets"].items():
+        for stack in each["stacks"]:
+            cells = [_snr(each["scales"][scale], stack) for scale in SCALES if scale in each["scales"]]
+            rows.append([name, stack if stack == START else f"{stack} min", *cells])
+    return table(["set", "after", *SCALES], rows)
+
+
+def words(data: Mapping[str, Any]) -> str:
+    """What the fits took."""
+    frame, minutes = data["pace"]["frame"], data["pace"]["minutes"]
+    return " ".join(
+        f"{name}: {each['frames']:,} frames of {1000 * frame:.0f} ms at least and {each['steps']:,} steps in "
+        f"{each['seconds'] / 60:.1f} of {minutes:g} minutes; the first stack was there after {each['first']:.0f} s."
+        for name, each in data["sets"].items()
+    )
+
+
+def _snr(views: Sequence[Mapping[str, Any]], stack: str) -> str:
+    found = (snr_from_sums(sum_of(views, measure, stack)) for measure in ("snr-displayed", "snr"))
+    return " / ".join(f"{float(each):.1f}" for each in found)
+
+
+def sum_of(views: Sequence[Mapping[str, Any]], measure: str, stack: str) -> Any:
+    """(3,) the sums of a stack over views."""
+    return np.sum([view["sums"][measure][stack] for view in views], 0)
+
+
+def main() -> None:
+    """Measures what RESULTS does not hold."""
+    parser = parser_of(__doc__, "materials", results=None, sets=SETS, **asdict(Pace()), **asdict(Effort()))
+    options = parser.parse_args()
+    effort = Effort(**{each.name: getattr(options, each.name) for each in fields(Effort)})
+    pace = Pace(**{each.name: getattr(options, each.name) for each in fields(Pace)})
+    known = folder_sets(options.materials.resolve())
+    data: dict[str, Any] = {"pace": asdict(pace), "effort": asdict(effort), "sets": {}}
+    with closing(RendererChoice("gl", "clearcoat").made()) as renderer:
+        for name in options.sets:
+            texture_set = texture_set_of(known[name], effort)
+            stacks = {each: mipbake.bake(texture_set, each, pixel_filter=FILTER) for each in (START, *OTHERS)}
+            found, about = fitted(stacks, renderer, texture_set, pace)
+            shown = {START: stacks[START], **found}
+            scales = measured(renderer, shown, texture_set, effort)
+            data["sets"][name] = {**about, "stacks": list(shown), "scales": scales}
+            keep(data, options.results and options.results.resolve())
+    print(words(data), gains_table(data), sep="\n\n")
+
+
+if __name__ == "__main__":
+    main()
