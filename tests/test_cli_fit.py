@@ -10,6 +10,7 @@ import pytest
 
 from mipbake import open_stack
 from mipbake.cli.main import main
+from mipbake.fitting.viewing import _EFFORTS, _Effort
 
 from .command_line import fails, write_set
 
@@ -20,8 +21,8 @@ AVERAGED = ["--start", "linear"]
 @pytest.fixture(autouse=True)
 def few_renders(monkeypatch):
     """References of few renders, and no rounds of least squares: what commands say does not hang on them."""
-    monkeypatch.setattr("mipbake.fitting.shared._MOST", 1e-3)
-    monkeypatch.setattr("mipbake.fitting.fitting.passes_for", lambda lod, held_out: 4)
+    monkeypatch.setattr("mipbake.fitting.fitting.ROUNDS", 1e-3)
+    monkeypatch.setattr("mipbake.fitting.viewing._EFFORTS", dict.fromkeys(_EFFORTS, _Effort(4, 4, 1.0)))
 
 
 @pytest.fixture
@@ -53,7 +54,7 @@ def test_a_stack_is_fitted_and_says_so(folder, tmp_path, capsys):
     assert run(folder, out, "--renderer", "torch", "--json", "--format", "png") == 0
     (result,) = json.loads(capsys.readouterr().out)["results"]
     assert result["ok"] and "levels were fitted in the renderer torch to " in result["fitted"]
-    assert {"views", "fit", "write"} <= set(result["seconds"])
+    assert {"fit", "write"} <= set(result["seconds"])
     stack = open_stack(out / "metal")
     assert stack.provenance.method == "linear" and stack.provenance.adjustments[-1] == result["fitted"]
     assert [path.name for path in out.iterdir()] == ["metal"]  # the state of the fit is gone
@@ -131,6 +132,47 @@ def test_a_renderer_that_fails_loses_nothing(folder, tmp_path, module, capsys):
     assert [path.name for path in out.iterdir()] == ["metal"]
     for one, other in zip(open_stack(whole / "metal").levels, open_stack(out / "metal").levels, strict=True):
         assert np.array_equal(one, other)
+
+
+STOPPED = """
+    from mipbake.fitting.kernels import TorchRenderer
+
+    class Stopped(TorchRenderer):
+        steps = 0
+
+        def render(self, levels, view):
+            if len(levels.sizes) > 1 and type(self).steps > {after}:
+                raise KeyboardInterrupt
+            type(self).steps += len(levels.sizes) > 1
+            return super().render(levels, view)
+
+    def make():
+        return Stopped()
+"""
+
+
+def test_a_fit_that_is_stopped_writes_what_it_has(folder, tmp_path, module, capsys):
+    """The state is kept beside the stack, and the same command goes on from it."""
+    assert run(folder, tmp_path / "whole", "--renderer", module("own_renderer_whole", STOPPED.format(after=10**9))) == 0
+    steps = sys.modules["own_renderer_whole"].Stopped.steps  # the last ones judge the result
+    capsys.readouterr()
+    name, out = module("own_renderer_stopped", STOPPED.format(after=steps - 10)), tmp_path / "out"
+    assert run(folder, out, "--renderer", name) == 130
+    told = capsys.readouterr()
+    assert f"wrote {out / 'metal'}, as far as it was fitted" in told.out
+    assert f"the same command goes on from {out / 'metal.fit'}" in told.err
+    assert open_stack(out / "metal").provenance.adjustments[-1].endswith("the fit was stopped")
+    sys.modules["own_renderer_stopped"].Stopped.steps = -(10**9)
+    assert run(folder, out, "--renderer", name) == 0
+    assert [path.name for path in out.iterdir()] == ["metal"]
+    assert "views that nothing was learned from" in open_stack(out / "metal").provenance.adjustments[-1]
+
+
+def test_lines_in_a_pipe_say_how_long_it_takes(folder, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("mipbake.base.progress.EVERY", 0.05)
+    assert run(folder, tmp_path / "out", "--renderer", "torch", "--budget", "1h") == 0
+    lines = [line for line in capsys.readouterr().err.splitlines() if "fitting texels" in line]
+    assert lines and all("left" in line for line in lines)
 
 
 RAISING = """

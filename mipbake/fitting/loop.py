@@ -246,7 +246,8 @@ class Loop:
                 state.checked, state.seconds = state.step, clock.seconds
                 if state.step - state.turned >= len(training):
                     state.turned = state.step
-            if file is not None and (state.seconds - saved > _SAVING * saving or over()):
+            ends = over() or not state.rates.any()
+            if file is not None and (ends or state.seconds - saved > _SAVING * saving):
                 saved = clock.seconds
                 file.save(state)
                 saving = clock.seconds - saved
