@@ -11,22 +11,21 @@ then shown in views that the fit never had, each by itself, without waiting.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
-import numpy as np
 from fit import FILTER, LEARNED, Effort, measured, texture_set_of
+from fit_slow_tables import gains_table, words
 from fit_tables import OTHERS, START
 from results_sets import folder_sets
-from timing import keep, parser_of, table
+from timing import keep, parser_of
 
 import mipbake
 from mipbake import MipStack
-from mipbake.fitting import SCALES, Frame, Levels, Progress, View
+from mipbake.fitting import Frame, Levels, Progress, View
 from mipbake.fitting.named import RendererChoice
-from mipbake.quality.metrics import snr_from_sums
 
 SETS = ("acg_metal007", "acg_leather036b")
 
@@ -87,36 +86,6 @@ def fitted(
     about = {"seconds": time.monotonic() - began, "first": told[0].seconds, "frames": slow.frames}
     said = found.provenance.adjustments[-1]
     return {**kept, f"{pace.minutes:g}": found}, {**about, "steps": told[-1].step, "said": said}
-
-
-def gains_table(data: Mapping[str, Any]) -> str:
-    """Markdown: SNR of what a display shows / of linear radiance, by minutes, set and scale."""
-    rows = []
-    for name, each in data["sets"].items():
-        for stack in each["stacks"]:
-            cells = [_snr(each["scales"][scale], stack) for scale in SCALES if scale in each["scales"]]
-            rows.append([name, stack if stack == START else f"{stack} min", *cells])
-    return table(["set", "after", *SCALES], rows)
-
-
-def words(data: Mapping[str, Any]) -> str:
-    """What the fits took."""
-    frame, minutes = data["pace"]["frame"], data["pace"]["minutes"]
-    return " ".join(
-        f"{name}: {each['frames']:,} frames of {1000 * frame:.0f} ms at least and {each['steps']:,} steps in "
-        f"{each['seconds'] / 60:.1f} of {minutes:g} minutes; the first stack was there after {each['first']:.0f} s."
-        for name, each in data["sets"].items()
-    )
-
-
-def _snr(views: Sequence[Mapping[str, Any]], stack: str) -> str:
-    found = (snr_from_sums(sum_of(views, measure, stack)) for measure in ("snr-displayed", "snr"))
-    return " / ".join(f"{float(each):.1f}" for each in found)
-
-
-def sum_of(views: Sequence[Mapping[str, Any]], measure: str, stack: str) -> Any:
-    """(3,) the sums of a stack over views."""
-    return np.sum([view["sums"][measure][stack] for view in views], 0)
 
 
 def main() -> None:

@@ -75,9 +75,10 @@ def _mean(found: Sequence[float]) -> str:
 
 def cost_table(data: Mapping[str, Any]) -> str:
     """Markdown: medians over sets of what the fits cost."""
-    parts = ("preparing", "steps", "rounds")
+    every = [each["seconds"] for sets in data["renderers"].values() for each in sets.values()]
+    parts = [part for part in every[0] if part not in ("baking", "measuring")]
     rows = [
         [renderer, *(f"{median(each['seconds'][part] for each in sets.values()):.0f} s" for part in parts)]
         for renderer, sets in data["renderers"].items()
     ]
-    return table(["renderer", "preparing the views", "the steps", "the rounds"], rows)
+    return table(["renderer", *parts], rows)

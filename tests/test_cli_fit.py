@@ -14,14 +14,14 @@ from mipbake.fitting.viewing import _EFFORTS, _Effort
 
 from .command_line import fails, write_set
 
-QUICK = ["--views", "2", "--budget", "60s", "--steps", "6"]
+QUICK = ["--views", "2", "--budget", "best", "--steps", "6"]
 AVERAGED = ["--start", "linear"]
 
 
 @pytest.fixture(autouse=True)
 def few_renders(monkeypatch):
     """References of few renders, and no rounds of least squares: what commands say does not hang on them."""
-    monkeypatch.setattr("mipbake.fitting.fitting.ROUNDS", 1e-3)
+    monkeypatch.setattr("mipbake.fitting.shared.Rounds.run", lambda _rounds, _loop, values: (values, 0))
     monkeypatch.setattr("mipbake.fitting.viewing._EFFORTS", dict.fromkeys(_EFFORTS, _Effort(4, 4, 1.0)))
 
 
@@ -117,7 +117,7 @@ def test_a_renderer_that_fails_loses_nothing(folder, tmp_path, module, capsys):
     # What is before the last check: views and references; then the failure comes within the steps.
     sys.modules["own_renderer_whole"].Failing.broken = False
     calls = sys.modules["own_renderer_whole"].Failing.calls
-    name = module("own_renderer_failing", FAILING.format(broken=True, after=calls - 8))
+    name = module("own_renderer_failing", FAILING.format(broken=True, after=calls - 140))
     assert run(folder, out, "--renderer", name, "--quiet") == 6
     err = capsys.readouterr().err.splitlines()
     assert err[0].startswith("mipbake: the renderer stopped: expected a frame")

@@ -97,6 +97,10 @@ KNOWN: Mapping[str, Known] = {
         "stacks that were fitted in renderers, beside bakes",
         "benchmarks/fit.py", MATERIALS, WORK, "--sets", *FITTED, pictures="docs",
     ),
+    "fit-slow": _measured(
+        "what a fit gains in a renderer of 50 ms a frame, by the minutes that it has taken",
+        "benchmarks/fit_slow.py", MATERIALS, "--measured", "6", "--passes", "24", golden=False,
+    ),
     "delivered": _measured("what the files of presets cost", "benchmarks/delivered.py", MATERIALS),
     "engines-three": _measured(
         "levels in three.js, supersampled by itself", "benchmarks/engines/three_proof.py", MATERIALS

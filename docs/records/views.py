@@ -265,6 +265,8 @@ VIEWS: Mapping[str, Callable[[Any], str]] = {
     "fit/pictures": fit_pictures,
     "fit/means": _of("benchmarks", "fit_tables", "means_table", "fit"),
     "fit/cost": _of("benchmarks", "fit_tables", "cost_table", "fit"),
+    "fit-slow/gains": _of("benchmarks", "fit_slow_tables", "gains_table", "fit-slow"),
+    "fit-slow/words": lambda records: wrapped(script("benchmarks", "fit_slow_tables").words(records["fit-slow"])),
     "timing-bake/times": times,
     "delivered/sizes": sizes,
     "delivered/table": _of("benchmarks", "delivered", "summarised", "delivered"),

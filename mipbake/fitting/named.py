@@ -96,7 +96,11 @@ class RendererChoice:
         if self.views is not None:
             return read_views(self.views), None, None
         fewer = max(2, each // 4)
-        return tuple(standard_views(size, wrap, many, seed + use) for use, many in enumerate((each, fewer, fewer)))
+        return (
+            standard_views(size, wrap, each, seed),
+            standard_views(size, wrap, fewer, seed + 1),
+            standard_views(size, wrap, fewer, seed + 2),
+        )
 
 
 class _UserRenderer:
