@@ -27,7 +27,7 @@ from mipbake import MipStack
 from mipbake.fitting import Frame, Levels, Progress, View
 from mipbake.fitting.named import RendererChoice
 
-SETS = ("acg_metal007", "acg_leather036b")
+SETS = ("acg_metal007",)
 
 
 @dataclass(frozen=True)

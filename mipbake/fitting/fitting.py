@@ -207,12 +207,22 @@ def _stages(
                 state.stage, state.turned, state.checked = stage, state.step, state.step
                 state.passes, state.seconds = prepared.passes(), clock.seconds
         learned, checking = prepared.of(LEARNED), prepared.of(HELD_OUT)
-        if stage + 1 == len(ends):
-            with kept_in(file, state):
-                movable = np.flatnonzero(_shown(checking)).tolist()
+        movable = np.flatnonzero(_shown(checking)).tolist()
+        with kept_in(file, state):
+            if stage == state.step == 0 and clock.budget is not None:
+                # Few numbers, which all pixels of a level show, gain from few renders; texels take many.
+                early = Rounds.planned(loop, state.best, (learned, checking), movable, limit=clock.left(STAGES[0]))
+                found, made = early.run(loop, state.best)
+                if made:
+                    state.values[...] = state.best[...] = found
+                    now, state.seconds = loop.judge_anew(state, begun, checking), clock.seconds
+                    if file is not None:
+                        file.save(state)
+                    tell(state, len(movable), now)
+            if stage + 1 == len(ends):
                 rounds = Rounds.planned(loop, state.best, (learned, checking), movable, starts, limit)
-            if clock.budget is not None:
-                end -= rounds.seconds / clock.budget
+                if clock.budget is not None:
+                    end -= rounds.seconds / clock.budget
         loop.run(state, learned, checking, file, tell, clock, min(ends[stage] * CLOSING, end), end)
     return rounds
 

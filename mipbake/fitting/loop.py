@@ -25,6 +25,10 @@ _PATIENCE = 3  # checks without a gain of a level, after which its rate is halve
 _LEAST_RATE = 1 / 64  # a level whose factor of the rate would be smaller is left as it is
 _LAST_RATE = 0.05  # factor that the rate falls to at the end of a budget
 
+_DOUBT = 1.0
+"""So many standard errors are taken off what a state gains. The best of many states is often one that chance favours in
+the few views that are held out."""
+
 _SAVING = 10.0  # times as long as the state took to be kept, steps go on before it is kept again
 
 _NO_TILES = np.empty(0, np.intp)
@@ -182,22 +186,27 @@ class Loop:
                 kept[own] = best[own]
         return kept
 
-    def judge_anew(self, state: FitState, begun: Array, checking: Sequence[Prepared]) -> None:
+    def judge_anew(self, state: FitState, begun: Array, checking: Sequence[Prepared]) -> dict[str, float]:
         """Judges what is kept by more views, or by views whose references have less noise.
 
         A level that they lose by is given up. Levels that had stopped move again.
 
         Args:
             begun: (texels, channels) that steps began with.
+
+        Returns:
+            Scores of what is kept.
         """
         state.begun = self.errors(begun, checking)
         state.started = scores(checking, np.array([view.started for view in checking]))
-        gains = gains_of_levels(checking, state.begun, self.errors(state.best, checking))
+        found = self.errors(state.best, checking)
+        gains = gains_of_levels(checking, state.begun, found, _DOUBT)
         state.gains = np.nan_to_num(np.maximum(gains, 0.0))
         state.rates, state.waited[...] = np.where(np.isnan(gains), 0.0, 1.0), 0
         for level in np.flatnonzero(gains < 0).tolist():
             own = self.parameters.texels(level)
             state.best[own] = begun[own]
+        return scores(checking, found)
 
     def run(
         self,
@@ -277,7 +286,7 @@ class Loop:
     def _check(self, state: FitState, checking: Sequence[Prepared], sides: tuple[Array, Array]) -> dict[str, float]:
         """Keeps the levels that are the best so far, and lowers the rate of those that were not for some time."""
         found = self._errors(self.levels_near(state.values, _NO_TILES), checking)
-        for level, gain in enumerate(gains_of_levels(checking, state.begun, found)):
+        for level, gain in enumerate(gains_of_levels(checking, state.begun, found, _DOUBT)):
             own = self.parameters.texels(level)
             if gain > state.gains[level]:
                 state.best[own], state.gains[level], state.waited[level] = state.values[own], gain, 0
