@@ -228,7 +228,7 @@ def test_progress_is_told_after_every_check() -> None:
 @pytest.mark.parametrize(
     ("settings", "told"),
     [
-        ({"views": []}, "0 views are given: expected three or more"),
+        ({"views": []}, "0 views are given: expected 3 or more"),
         ({"held_out": []}, "held_out is empty: expected views"),
         ({"apart": []}, "apart is empty: expected views"),
         ({"steps": -1}, "steps is -1: expected 0 or more"),

@@ -270,16 +270,16 @@ def _split(
     views: Sequence[Any], held_out: Sequence[Any] | None, apart: Sequence[Any] | None
 ) -> dict[str, list[tuple[int, Any]]]:
     """Kind to views, each with its number."""
-    if len(views) < 3:
+    least = 1 + (held_out is None) + (apart is None)
+    if len(views) < least:
         raise UsageError(
-            f"{len(views)} views are given: expected three or more, one to learn from, one to check with, and one to "
-            "judge the result with"
+            f"{len(views)} views are given: expected {least} or more, to learn from, to choose by, and to judge with"
         )
     for name, each in (("held_out", held_out), ("apart", apart)):
         if each is not None and not each:
             raise UsageError(f"{name} is empty: expected views, or None")
     found: dict[str, list[tuple[int, Any]]] = {LEARNED: [], HELD_OUT: [], APART: []}
-    every = min(_HELD_OUT_EVERY, len(views))
+    every = max(2, min(_HELD_OUT_EVERY, len(views)))
     for index, view in enumerate(views):
         is_held_out = held_out is None and index % every == every - 1
         is_apart = apart is None and index % _APART_EVERY == every // 2
