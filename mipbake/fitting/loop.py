@@ -25,10 +25,6 @@ _PATIENCE = 3  # checks without a gain of a level, after which its rate is halve
 _LEAST_RATE = 1 / 64  # a level whose factor of the rate would be smaller is left as it is
 _LAST_RATE = 0.05  # factor that the rate falls to at the end of a budget
 
-_DOUBT = 1.0
-"""So many standard errors are taken off what a state gains. The best of many states is often one that chance favours in
-the few views that are held out."""
-
 _SAVING = 10.0  # times as long as the state took to be kept, steps go on before it is kept again
 
 _NO_TILES = np.empty(0, np.intp)
@@ -152,7 +148,7 @@ class Loop:
         levels that were chosen.
         """
         found = [self.errors(each, views) for each in variants]
-        gains = np.stack([gains_of_levels(views, found[0], each) for each in found])  # NaN where no view shows a level
+        gains = np.stack([gains_of_levels(views, found[0], each) for each in found])  # NaN: no view shows a level
         chosen = np.argmax(np.nan_to_num(gains), 0)
         joined = self.parameters.joined(variants, chosen)
         kept = self.without_losses(joined, variants[0], views)
@@ -200,7 +196,7 @@ class Loop:
         state.begun = self.errors(begun, checking)
         state.started = scores(checking, np.array([view.started for view in checking]))
         found = self.errors(state.best, checking)
-        gains = gains_of_levels(checking, state.begun, found, _DOUBT)
+        gains = gains_of_levels(checking, state.begun, found)
         state.gains = np.nan_to_num(np.maximum(gains, 0.0))
         state.rates, state.waited[...] = np.where(np.isnan(gains), 0.0, 1.0), 0
         for level in np.flatnonzero(gains < 0).tolist():
@@ -286,7 +282,7 @@ class Loop:
     def _check(self, state: FitState, checking: Sequence[Prepared], sides: tuple[Array, Array]) -> dict[str, float]:
         """Keeps the levels that are the best so far, and lowers the rate of those that were not for some time."""
         found = self._errors(self.levels_near(state.values, _NO_TILES), checking)
-        for level, gain in enumerate(gains_of_levels(checking, state.begun, found, _DOUBT)):
+        for level, gain in enumerate(gains_of_levels(checking, state.begun, found)):
             own = self.parameters.texels(level)
             if gain > state.gains[level]:
                 state.best[own], state.gains[level], state.waited[level] = state.values[own], gain, 0

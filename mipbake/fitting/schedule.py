@@ -14,7 +14,7 @@ STAGES = (0.1, 0.25, 0.5, 1.0)
 """Shares of a budget, less what comes after steps, at which stages of steps end. Before each stage there are more
 views, with less noise in their references; so the first stack that gained anything is there early."""
 
-FIRST = 0.05
+FIRST = 0.03
 """So much of a budget at most goes by before there is a start: views with coarse references."""
 
 GROWING = 0.4
