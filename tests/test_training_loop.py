@@ -172,7 +172,7 @@ def test_exported_weights_bake_like_the_training(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="name"):
         export_weights(tmp_path / "run" / "last.npz", "../evil", tmp_path / "weights", default=False)
     with pytest.raises(InputError, match="no such checkpoint"):
-        export_weights(tmp_path / "none.pt", "tiny-2", tmp_path / "weights", default=False)
+        export_weights(tmp_path / "none.npz", "tiny-2", tmp_path / "weights", default=False)
 
 
 @pytest.mark.parametrize("info", list_weights(), ids=lambda info: info.name)
