@@ -172,7 +172,8 @@ def test_lines_in_a_pipe_say_how_long_it_takes(folder, tmp_path, capsys, monkeyp
     monkeypatch.setattr("mipbake.base.progress.EVERY", 0.05)
     assert run(folder, tmp_path / "out", "--renderer", "torch", "--budget", "1h") == 0
     lines = [line for line in capsys.readouterr().err.splitlines() if "fitting texels" in line]
-    assert lines and all("left" in line for line in lines)
+    assert any("left" in line for line in lines)
+    assert all("left" in line or "98%" in line for line in lines)  # with 98% the phase is over
 
 
 RAISING = """

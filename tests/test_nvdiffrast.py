@@ -333,7 +333,9 @@ SMALL = {
 }
 """The samples, and arguments with which they take no time."""
 
-HELPERS = sorted(path.stem for path in FITTING.glob("*.py") if path.stem not in SMALL)
+HELPERS = sorted(path.stem for path in FITTING.glob("*.py") if path.stem not in (*SMALL, "several"))
+"""What the samples share. `several.py` is run by torchrun, in tests of the examples."""
+
 FILTERS = "auto", "nearest", "linear", "linear-mipmap-nearest", "linear-mipmap-linear"
 
 

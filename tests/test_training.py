@@ -100,7 +100,7 @@ def test_paper_configurations_are_those_of_its_section_3_4(path: Path) -> None:
     assert (made.target_samples, made.near_mirror_fraction) == (1, 0)
     assert (config.data.mixed, config.data.turned, config.data.boosted) == ("itself", False, True)
     assert (config.data.strided, config.data.plain) == (0, 0)
-    (adam,) = FlatAdam(LatentConfig().build(), None, optimiser).state_dict()["param_groups"]
+    (adam,) = FlatAdam(LatentConfig().build(), None, optimiser)._adam.param_groups  # noqa: SLF001
     assert (adam["betas"], adam["eps"], adam["weight_decay"]) == ((0.95, 0.95), 1e-6, 0)
 
 

@@ -185,7 +185,8 @@ class Loop:
     def judge_anew(self, state: FitState, begun: Array, checking: Sequence[Prepared]) -> dict[str, float]:
         """Judges what is kept by more views, or by views whose references have less noise.
 
-        A level that they lose by is given up. Levels that had stopped move again.
+        A level that they lose by is given up. One whose gain is no longer sure is kept, because it was chosen when it
+        was. Levels that had stopped move again.
 
         Args:
             begun: (texels, channels) that steps began with.
@@ -199,7 +200,8 @@ class Loop:
         gains = gains_of_levels(checking, state.begun, found)
         state.gains = np.nan_to_num(np.maximum(gains, 0.0))
         state.rates, state.waited[...] = np.where(np.isnan(gains), 0.0, 1.0), 0
-        for level in np.flatnonzero(gains < 0).tolist():
+        lost = gains_of_levels(checking, state.begun, found, sure=False) < 0
+        for level in np.flatnonzero(lost).tolist():
             own = self.parameters.texels(level)
             state.best[own] = begun[own]
         return scores(checking, found)

@@ -214,12 +214,13 @@ def scores(views: Sequence[Prepared], errors: NDArray[np.float64]) -> dict[str, 
 
 
 def gains_of_levels(
-    views: Sequence[Prepared], before: NDArray[np.float64], after: NDArray[np.float64]
+    views: Sequence[Prepared], before: NDArray[np.float64], after: NDArray[np.float64], sure: bool = True
 ) -> NDArray[np.float64]:
     """(levels,) what views gain, as `worth` has it; NaN for a level that none shows.
 
-    Each view is weighed with how much of the level it shows. The standard error is taken off the mean gain of each
-    part: the best of many states is often one that chance favours in few views, and is worse in others.
+    Each view is weighed with how much of the level it shows. Where a gain should be sure, the standard error is taken
+    off the mean gain of each part: the best of many states is often one that chance favours in few views, and is worse
+    in others.
 
     Args:
         before, after: (views, 2) errors.
@@ -230,4 +231,4 @@ def gains_of_levels(
     known = np.where(shown > 0, shown, 1)
     mean = shares.T @ gains / known
     spread = np.sqrt(np.einsum("vl,vlp->lp", np.square(shares), np.square(gains[:, None] - mean))) / known
-    return np.where(shown[:, 0] > 0, worth(mean - spread), np.nan)
+    return np.where(shown[:, 0] > 0, worth(mean - spread if sure else mean), np.nan)
