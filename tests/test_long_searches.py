@@ -241,11 +241,11 @@ def test_time_that_was_spent_counts(tmp_path: Path) -> None:
 
 @pytest.mark.long
 def test_a_full_disk_ends_no_search(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, whole: PrefilterResult) -> None:
-    def full(path: Path, _arrays: Any) -> int:
+    def full(path: Path, _about: Any, _arrays: Any) -> int:
         path.write_bytes(b"some")
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(checkpoint, "write_arrays", full)
+    monkeypatch.setattr(checkpoint, "write_kept", full)
     notes: list[str] = []
     path = tmp_path / "kept"
     assert same(searched(path, notes=notes.append), whole)
