@@ -134,10 +134,10 @@ void test_differences_by_hand() {
 void test_contributions_by_hand() {
     const Ints touched = {2, 0, 2, -1, -1, -1, 0, 2, 0};  // three pixels
     Ints counts(4), pixels(4);
-    count_contributions_cpu(touched.data(), 3, 3, counts.data());
+    count_contributions_cpu(touched.data(), 3, 3, 4, counts.data());
     CHECK(counts == Ints({2, 0, 2, 0}));
     std::vector<Index> cursors = {0, 2, 2, 4};
-    fill_contributions_cpu(touched.data(), 3, 3, cursors.data(), pixels.data());
+    fill_contributions_cpu(touched.data(), 3, 3, 4, cursors.data(), pixels.data());
     CHECK(pixels == Ints({0, 2, 0, 2}));
     CHECK(cursors == std::vector<Index>({2, 2, 4, 4}));
 }
@@ -249,14 +249,14 @@ Vector everything() {
     differences_cpu<double>(a.data(), b.data(), r.data(), nullptr, count, 3, differences.data());
     Ints named, counts(elements), pixels(static_cast<std::size_t>(count)), all;
     for (Index i = 0; i < count; ++i) named.push_back(static_cast<std::int32_t>(random_number() * elements));
-    count_contributions_cpu(named.data(), count, 1, counts.data());
+    count_contributions_cpu(named.data(), count, 1, elements, counts.data());
     std::vector<Index> starts = {0};
     for (Index e = 0; e < elements; ++e) {
         all.push_back(static_cast<std::int32_t>(e));
         starts.push_back(starts.back() + counts[static_cast<std::size_t>(e)]);
     }
     std::vector<Index> cursors(starts.begin(), starts.end() - 1);
-    fill_contributions_cpu(named.data(), count, 1, cursors.data(), pixels.data());
+    fill_contributions_cpu(named.data(), count, 1, elements, cursors.data(), pixels.data());
     CHECK(cursors == std::vector<Index>(starts.begin() + 1, starts.end()));
     gradient_cpu<double>({differences.data(),
                           count,
