@@ -28,7 +28,7 @@ from mipbake.quality.reference.estimate import estimate
 from mipbake.quality.reference.lighting import GroupPairs
 from mipbake.quality.reference.samples import Pixels
 from mipbake.sampling import texture
-from mipbake.shading import shade
+from mipbake.shading import _forward
 from mipbake.training.base import TORUS, Batch, Loss
 from mipbake.training.checks import require, require_power_of_two, require_share
 
@@ -196,17 +196,15 @@ class _RenderLoss(torch.autograd.Function):
         together = 1 if texels.device.type == "cpu" else lods
         for first in range(0, lods, together):
             lod = slice(first, first + together)
-            part = texels[:, lod].flatten(1, 2).detach().requires_grad_(needed)
-            with torch.set_grad_enabled(needed):
-                prediction = shade(model, part, views.light, views.view)
-            apart = (*prediction.shape[:2], together, points, 3)
-            render = prediction.detach().reshape(apart).movedim(2, 1)  # as the noisy reference
-            norm = relative_norms(render.flatten(0, 1))
-            error = render - noisy_reference[:, lod]
-            total += (energies(error.flatten(0, 1)) / norm).sum() / renders
+            given = model, texels[:, lod].flatten(1, 2), views.light, views.view
+            render = _forward.shade(*given)
+            apart = render.reshape(*render.shape[:2], together, points, 3).movedim(2, 1)  # as the noisy reference
+            norm = relative_norms(apart.flatten(0, 1))
+            apart -= noisy_reference[:, lod]
+            total += (energies(apart.flatten(0, 1)) / norm).sum() / renders
             if gradient is not None:
-                error *= (2 / renders / norm).reshape(len(texels), together, -1, 1, 1)
-                (found,) = torch.autograd.grad(prediction, part, error.movedim(1, 2).flatten(2, 3))
+                apart *= (2 / renders / norm).reshape(len(texels), together, -1, 1, 1)
+                found = _forward.shade_backward(*given, render)
                 gradient[:, lod] = found.reshape(gradient[:, lod].shape)
         ctx.save_for_backward(gradient)
         return total
