@@ -5,10 +5,8 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable
-from itertools import product
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,8 +18,6 @@ from mipbake.training.batches import draw_batch
 from mipbake.training.config import DataConfig
 from mipbake.training.data import load_materials
 from mipbake.training.procedural import MODEL, procedural_set
-
-from .result_records import maker, row, save
 
 torch.set_num_threads(1)
 
@@ -92,38 +88,3 @@ def test_the_authors_loss_of_mipnet_is_zero_where_renders_agree(module: Callable
     before.backward()
     assert before.item() > 0
     assert all(float(each.norm()) > 0 for each in state.optimiser.gradients("ggx"))
-
-
-def test_sections_say_what_explains_a_figure(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    page = maker("paper_page.page", monkeypatch, tmp_path)
-    assert "closer / farther" not in page()
-    methods = {"linear (box)": 2.0, "lean (box)": 8.0, "mipnet-{}": 9.0, "paper-{}": 10.0, "neural": 11.0}
-    spheres: list[dict[str, Any]] = []
-    for model, kind, boosts, scale in product(
-        ("ggx", "beckmann"), ("real", "lobes", "sharp"), (0, 1), ("near", "middle", "far")
-    ):
-        at = {"model": model, "kind": kind, "boosts": boosts, "set": "one", "scale": scale}
-        snr = {name.format(model): value + boosts for name, value in methods.items()}
-        for measure in ("snr", "flip", "st-lpips"):
-            values = snr if measure == "snr" else {name: 1 / (10 + value) for name, value in snr.items()}
-            spheres.append(at | {"measure": measure, "values": values})
-    twins = [
-        {"sharp": sharp, "seed": 0, "together": together, "pairs": pairs, "lod": 0.0,
-         "values": {name.format("ggx"): value - together for name, value in methods.items()}}
-        for sharp, together, pairs in product((False, True), (True, False), ("near-mirror", "hemisphere"))
-    ]  # fmt: skip
-    save(tmp_path, "causes", {"texels": 64, "spheres": spheres, "twins": twins})
-    snr = {f"{who} {where}": 1.0 for who in ("network", "linear") for where in ("near-mirror", "hemisphere")}
-    losses = dict.fromkeys(("of the pages", "its authors' loss", "the paper's loss"), snr)
-    save(tmp_path, "mipnet-losses", {"steps": 7, "rate": 1.0, "snr": losses})
-    text = page()
-    sharp = row(text, "sharp lobes, boosted", "## Figure 9")
-    assert sharp == "| sharp lobes, boosted | 3.0 / 3.0 | 9.0 / 9.0 | 10.0 / 10.0 | 11.0 / 11.0 |"
-    printed = row(text, "the paper's, closer / farther", "## Figure 10")
-    assert printed == "| the paper's, closer / farther | 5.0 / 5.4 | not printed | 13.6 / 16.5 | 13.2 / 16.6 |"
-    gains = row(text, "real sets, naive averaging", "## Figure 5")
-    assert gains.startswith("| real sets, naive averaging | +8.0 | +8.0 | +8.0 | +0.029 |")
-    assert "the claim holds on sharp lobes as they are, and boosted." in " ".join(text.split())
-    assert "1.00 over all pictures" in " ".join(text.split())
-    assert row(text, "the paper's loss", "## Figure 5") == "| the paper's loss | 1.00 | 1.00 |"
-    assert row(text, "LEAN", "## Figure 11").startswith("| LEAN | 7.0 (-1.0) | 7.0 (-1.0) |")

@@ -57,25 +57,6 @@ def test_claims_that_hold_and_that_do_not(page: Callable[[], str], tmp_path: Pat
     assert "for 12,000 steps" in " ".join(text.split())
 
 
-def test_why_the_network_stays_behind(page: Callable[[], str], tmp_path: Path) -> None:
-    assert "Why the network stays behind" not in page()
-    snr = {"paper-ggx": (10.0, 14.0), "mipbake-1-ggx": (100.0, 100.0)}
-    rows = [
-        {"model": "ggx", "kind": "plain", "set": str(at), "network": name, "pairs": pairs, "snr": value}
-        for name, values in snr.items()
-        for at, value in enumerate(values)
-        for pairs in ("near-mirror", "hemisphere")
-    ]
-    save(tmp_path, "constant-materials", {"texels": 9, "rows": rows})
-    text = page()
-    assert "SNR of 9 texels of every set" in " ".join(text.split())
-    assert (
-        row(text, "`ggx`, as they are, paper's network")
-        == "| `ggx`, as they are, paper's network | 12.0 dB | 12.0 dB |"
-    )
-    assert row(text, "`ggx`, as they are, default network").endswith("| exact | exact |")
-
-
 def test_ahead_everywhere_is_reproduced(page: Callable[[], str], tmp_path: Path) -> None:
     measured(tmp_path, "ggx", GGX)
     write(tmp_path, "correlated", file("correlated-0", GGX, {"together": True}))

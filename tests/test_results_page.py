@@ -7,9 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from mipbake.quality.metrics import PAIR_SETS
-
-from .result_records import file, maker, row, save, write
+from .result_records import file, maker, row, write
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -36,33 +34,6 @@ def test_whole_sets(page: Callable[[], str], tmp_path: Path) -> None:
     assert row(text, "auto", "## SNR by level of detail") == "| auto " + "| **16.0** " * 8 + "|"
     for absent in ("## The limit", "## Directional", "## Aims"):
         assert absent not in text
-
-
-def test_the_other_kinds_have_their_sections(page: Callable[[], str], tmp_path: Path) -> None:
-    write(tmp_path, "whole", file("first", WHOLE), file("second", WHOLE))
-    limit = {**WHOLE, "refine": 13.8, "optimum": 14.0}
-    write(tmp_path, "crop", file("first", limit, {"crop": 64}), file("second", limit, {"crop": 64}))
-    both = {"auto as gltf": 15.0, "auto as gltf-anisotropic": 17.0, "lean (box) as gltf": 9.0}
-    bumps = {"directionality": 0.75, "slope": 0.5}
-    write(tmp_path, "directional", file("first", both, bumps), file("procedural-7", both, bumps))
-    seen = dict.fromkeys((*PAIR_SETS, "seen, facing", "seen, slanted"), 0.5)
-    names = ("linear (box)", "neural", "auto, aim 0.5", "optimum")
-    aims = {
-        "side": 16,
-        "sets": {"first": {**dict.fromkeys(names, seen), "limit of the visible error": {**seen, "seen, facing": 0.2}}},
-    }
-    save(tmp_path, "aims", aims)
-    text = page()
-    assert row(text, "auto, aim 0.5").startswith("| auto, aim 0.5 | 0.5 | 0.5 | 0.500 | 0.500 |")
-    assert row(text, "closed gap of refine, near the mirror").endswith("| 90% |")
-    assert row(text, "closed gap of auto, over the hemisphere").endswith("| 200% |")
-    assert row(text, "limit of the visible error").startswith(
-        "| limit of the visible error | 0.5 | 0.5 | 0.200 | 0.500 |"
-    )
-    assert "1 of them are real sets or examples; 1 come from" in " ".join(text.split())
-    assert row(text, "auto, near the mirror", "## Directional").startswith(
-        "| auto, near the mirror | 15.0 | 17.0 | +2.00 | +2.0 | +2.0 |"
-    )
 
 
 def test_the_summary(page: Callable[[], str], tmp_path: Path) -> None:
