@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from .command_line import run
 from .input_files import bytes_of, encoded, height_field, write_image
 
 SIZE = 16
@@ -41,6 +42,26 @@ def write(folder: Path, **files: Any) -> Path:
 
 def orm(folder: Path, **others: Any) -> Path:
     return write(folder, wood_orm=np.stack([AO, ROUGH, METAL], -1), **others)
+
+
+def every_map(folder: Path) -> Path:
+    colours = np.dstack([waves(3), waves(6), waves(9)])
+    opaque = np.dstack([COLOUR, OPACITY])
+    return orm(folder, wood_base_color=opaque, wood_emissive=colours, wood_height=waves(11))
+
+
+def tiles(folder: Path, **others: Any) -> Path:
+    """1001 and 1002, of the same maps."""
+    maps = {"wall_normal_gl": encoded(NORMALS), "wall_roughness": ROUGH} | others
+    files = {f"{name}.{tile}": pixels for tile in (1001, 1002) for name, pixels in maps.items()}
+    return write(folder, wood_base_color=None, wood_normal_gl=None, **files)
+
+
+def baked(source: Path, out: Path, preset: str, *options: str) -> Path:
+    """The folder of the stack that the command makes of a set, by `linear` unless options say otherwise."""
+    chosen = options or ("--method", "linear")
+    assert run("bake", source, "-o", out, "--preset", preset, *chosen)[0] == 0
+    return out / source.name
 
 
 def mask_map(folder: Path) -> Path:

@@ -1,58 +1,39 @@
 """The fitting examples at a tiny size improve and leave picture and figures; their parts are what they say they are."""
 
-import importlib
-import json
 import runpy
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
-import OpenImageIO
 import pytest
 import torch
 
-FITTING = Path(__file__).parents[1] / "examples" / "fitting"
-MODULES = ("camera", "meshes", "report", "textures", "capture", "cube", "earth", "envphong", "pose")
+from .example_scripts import EXAMPLES, figures, scripts
+
+FITTING = EXAMPLES / "fitting"
 
 
 @pytest.fixture
-def load(monkeypatch):
-    """Imports a module of the examples as its script would, and forgets it afterwards: the names are common ones."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)  # as the scripts do
-    monkeypatch.syspath_prepend(str(FITTING))
-    for name in MODULES:
-        monkeypatch.delitem(sys.modules, name, raising=False)
-    yield importlib.import_module
-    torch.set_num_threads(threads)
-    for name in MODULES:
-        sys.modules.pop(name, None)
-
-
-def results(folder, name):
-    picture = OpenImageIO.ImageBuf(str(folder / f"{name}.png")).get_pixels("uint8")
-    assert picture.shape[2] == 3 and picture.std() > 10  # it shows something
-    content = json.loads((folder / f"{name}.json").read_text())
-    assert content["seconds"] > 0 and content["machine"] and content["settings"]["device"] == "cpu"
-    return content["figures"]
+def load():
+    with scripts(FITTING) as imported:
+        yield imported
 
 
 def test_earth(load, tmp_path):
     sizes = ["--texture-size", "8", "--resolution", "16", "--supersampling", "4", "--farthest", "10"]
     load("earth").main(["--output", str(tmp_path), *sizes, "--iterations", "250", "--first-rate", "0.03"])
-    figures = results(tmp_path, "earth")
-    for name, curve in figures["convergence"].items():
-        assert curve[0][0] == 0 and curve[-1] == [250, figures[f"psnr {name}"]]
+    found = figures(tmp_path, "earth")
+    for name, curve in found["convergence"].items():
+        assert curve[0][0] == 0 and curve[-1] == [250, found[f"psnr {name}"]]
         assert curve[-1][1] > curve[0][1] + 6
 
 
 def test_cube(load, tmp_path):
     sizes = ["--resolutions", "8", "--runs", "3", "--iterations", "120", "--success", "0.25"]
     load("cube").main(["--output", str(tmp_path), *sizes, "--first-rate", "0.03", "--last-rate", "0.01"])
-    figures = results(tmp_path, "cube")
-    assert set(figures) == {"8 x 8, continuous", "8 x 8, discontinuous"}
-    for result in figures.values():
+    found = figures(tmp_path, "cube")
+    assert set(found) == {"8 x 8, continuous", "8 x 8, discontinuous"}
+    for result in found.values():
         assert len(result["errors"]) == result["runs"] == 3
         assert np.isclose(result["mean error"], np.mean(result["errors"]), atol=1e-5)
         assert result["successful"] == np.count_nonzero(np.array(result["errors"]) < 0.25)
@@ -61,31 +42,31 @@ def test_cube(load, tmp_path):
 
 def test_pose(load, tmp_path):
     load("pose").main(["--output", str(tmp_path), "--trials", "6", "--resolution", "16", "--iterations", "150"])
-    figures = results(tmp_path, "pose")
-    assert all(len(result["errors"]) == 6 for result in figures.values())
-    start = figures.pop("start")
-    for result in figures.values():
+    found = figures(tmp_path, "pose")
+    assert all(len(result["errors"]) == 6 for result in found.values())
+    start = found.pop("start")
+    for result in found.values():
         assert result["mean loss"] < 0.5 * start["mean loss"]
-    assert figures["symmetry"]["mean error"] < start["mean error"]
+    assert found["symmetry"]["mean error"] < start["mean error"]
 
 
 def test_capture(load, tmp_path):
     sizes = ["--frames", "3", "--cameras", "2", "--resolution", "32", "--texture-size", "16", "--steps", "4"]
     many = ["--performances", "2", "--iterations", "300", "--rate", "0.01"]
     load("capture").main(["--output", str(tmp_path), *sizes, *many])
-    figures = results(tmp_path, "capture")
-    assert list(figures) == ["one performance", "2 performances"]
-    for found in figures.values():
-        assert found["mean distance"] < 0.9 * found["of the base mesh"]
-        assert found["convergence"][-1] == [300, found["mean distance"]]
+    found = figures(tmp_path, "capture")
+    assert list(found) == ["one performance", "2 performances"]
+    for each in found.values():
+        assert each["mean distance"] < 0.9 * each["of the base mesh"]
+        assert each["convergence"][-1] == [300, each["mean distance"]]
 
 
 def test_envphong(load, tmp_path):
     sizes = ["--texture-size", "16", "--resolution", "48", "--iterations", "80", "--rate", "0.05"]
     load("envphong").main(["--output", str(tmp_path), *sizes])
-    figures = results(tmp_path, "envphong")
+    found = figures(tmp_path, "envphong")
     for name, sign in (("texture, dB", 1), ("colour, error", -1), ("exponent, error", -1)):
-        curve = figures["convergence"][name]
+        curve = found["convergence"][name]
         assert sign * curve[-1][1] > sign * curve[0][1], name
 
 

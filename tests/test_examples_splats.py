@@ -1,38 +1,16 @@
 """The examples of splats and of a volume at a tiny size improve, print a table, and leave picture and figures."""
 
-import importlib
-import json
-import sys
-from pathlib import Path
-
 import numpy as np
-import OpenImageIO
 import pytest
 import torch
 
-STOCHASTIC = Path(__file__).parents[1] / "examples" / "stochastic"
-MODULES = ("shared", "splats", "volume", "camera", "meshes", "report", "textures")
+from .example_scripts import EXAMPLES, figures, scripts
 
 
 @pytest.fixture
-def load(monkeypatch):
-    """Imports a script of the examples; its modules are forgotten afterwards, since their names are common."""
-    threads, path = torch.get_num_threads(), list(sys.path)
-    torch.set_num_threads(1)
-    monkeypatch.syspath_prepend(str(STOCHASTIC))
-    for name in MODULES:
-        monkeypatch.delitem(sys.modules, name, raising=False)
-    yield importlib.import_module
-    torch.set_num_threads(threads)
-    sys.path[:] = path
-    for name in MODULES:
-        sys.modules.pop(name, None)
-
-
-def figures(folder, name):
-    picture = OpenImageIO.ImageBuf(str(folder / f"{name}.png")).get_pixels("uint8")
-    assert picture.shape[2] == 3 and picture.std() > 10  # it shows something
-    return json.loads((folder / f"{name}.json").read_text())["figures"]
+def load():
+    with scripts(EXAMPLES / "stochastic") as imported:
+        yield imported
 
 
 def test_splats(load, tmp_path):

@@ -15,24 +15,11 @@ import pytest
 from . import packed_sets
 from .command_line import run
 from .input_files import write_image
-from .packed_sets import COLOUR, NORMALS, OPACITY, ROUGH, encoded, waves
+from .packed_sets import COLOUR, OPACITY, baked, every_map
 from .unreal_stand_in import stand_in
 
 INTEGRATIONS = Path(__file__).parents[1] / "integrations"
 SCRIPT = INTEGRATIONS / "unreal" / "mipbake_import.py"
-
-
-def baked(source: Path, out: Path, preset: str, *options: str) -> Path:
-    chosen = options or ("--method", "linear")
-    assert run("bake", source, "-o", out, "--preset", preset, *chosen)[0] == 0
-    return out / source.name
-
-
-def wood(folder: Path) -> Path:
-    """A set with every map."""
-    colours = np.dstack([waves(3), waves(6), waves(9)])
-    opaque = np.dstack([COLOUR, OPACITY])
-    return packed_sets.orm(folder / "wood", wood_base_color=opaque, wood_emissive=colours, wood_height=waves(11))
 
 
 def imported(monkeypatch: pytest.MonkeyPatch, unreal: Any, *arguments: object) -> list[str]:
@@ -46,7 +33,7 @@ def imported(monkeypatch: pytest.MonkeyPatch, unreal: Any, *arguments: object) -
 
 def test_unreal_gets_textures_and_a_material(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     unreal = stand_in()
-    said = imported(monkeypatch, unreal, baked(wood(tmp_path), tmp_path / "out", "unreal"), "/Game/Made/")
+    said = imported(monkeypatch, unreal, baked(every_map(tmp_path / "wood"), tmp_path / "out", "unreal"), "/Game/Made/")
     assert said == ["mipbake: made /Game/Made/M_wood"]
     textures = {path.rsplit("_", 1)[1]: unreal.assets[path] for path in unreal.assets if "/T_" in path}
     assert set(textures) == {"BC", "N", "ORM", "E", "H"}
@@ -85,7 +72,7 @@ def test_unreal_gets_textures_and_a_material(tmp_path: Path, monkeypatch: pytest
 
 def test_unreal_keeps_a_material_that_is_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     unreal = stand_in()
-    stack = baked(wood(tmp_path), tmp_path / "out", "unreal")
+    stack = baked(every_map(tmp_path / "wood"), tmp_path / "out", "unreal")
     imported(monkeypatch, unreal, stack)
     material = unreal.assets["/Game/mipbake/M_wood"]
     before = dict(unreal.assets)
@@ -116,15 +103,13 @@ def test_unreal_gets_tested_opacity_half_floats_and_tiles(tmp_path: Path, monkey
     assert (texture["compression_settings"].name, texture["srgb"]) == ("TC_HDR", False)
     assert node.properties["sampler_type"].name == "SAMPLERTYPE_LINEAR_COLOR"
 
-    wall = {"wall_normal_gl": encoded(NORMALS), "wall_roughness": ROUGH}
-    tiles = {f"{name}.{tile}": pixels for tile in (1001, 1002) for name, pixels in wall.items()}
-    tiled = packed_sets.write(tmp_path / "wall", wood_base_color=None, wood_normal_gl=None, **tiles)
+    tiled = packed_sets.tiles(tmp_path / "wall")
     said = imported(monkeypatch, unreal, baked(tiled, tmp_path / "out", "unreal"))
     assert said == ["mipbake: made /Game/mipbake/M_wall_1001", "mipbake: made /Game/mipbake/M_wall_1002"]
 
 
 def test_unreal_says_what_it_cannot_import_and_makes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    source, out = wood(tmp_path), tmp_path / "out"
+    source, out = every_map(tmp_path / "wood"), tmp_path / "out"
     torn = shutil.copytree(baked(source, out, "unreal"), tmp_path / "torn")
     (torn / "T_wood_N.dds").unlink()
     unreadable = tmp_path / "unreadable"
@@ -151,7 +136,7 @@ def test_unreal_says_what_it_cannot_import_and_makes_nothing(tmp_path: Path, mon
 def test_manifests_tell_where_each_map_is(tmp_path: Path) -> None:
     """Importers go by `map_files`, so every name in it is a file."""
     for preset in ("godot", "unity", "unreal"):
-        stack = baked(wood(tmp_path / preset), tmp_path / preset / "out", preset)
+        stack = baked(every_map(tmp_path / preset / "wood"), tmp_path / preset / "out", preset)
         (output,) = json.loads((stack / "stack.json").read_text())["outputs"]
         maps = {"base_color", "normal", "roughness", "metallic", "occlusion", "emissive", "height", "opacity"}
         assert set(output["map_files"]) == maps
@@ -162,7 +147,7 @@ def test_materials_beside_a_stack_are_in_nobodys_way(tmp_path: Path) -> None:
     """What importers make of a stack lies beside its folder, and stays when the set is baked again."""
     for preset, made in {"godot": ["wood.tres"], "unity": ["wood.mat", "wood.mat.meta", "wood.meta"]}.items():
         out = tmp_path / preset / "out"
-        source = wood(tmp_path / preset)
+        source = every_map(tmp_path / preset / "wood")
         baked(source, out, preset)
         for name in made:
             (out / name).write_text("a material")

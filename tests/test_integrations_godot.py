@@ -16,10 +16,9 @@ from PIL import Image
 from mipbake.base.srgb import srgb_to_linear
 
 from . import packed_sets
-from .command_line import run
 from .godot_project import HERE, played
 from .gpu_textures import openimageio_levels
-from .packed_sets import AO, COLOUR, METAL, NORMALS, OPACITY, ROUGH, SIZE, encoded, waves
+from .packed_sets import AO, COLOUR, METAL, NORMALS, OPACITY, ROUGH, SIZE, baked, encoded, waves
 
 ADDON = Path(__file__).parents[1] / "integrations" / "godot" / "addons" / "mipbake"
 LINEAR, ANISOTROPIC = 3, 5  # BaseMaterial3D.TextureFilter
@@ -30,40 +29,22 @@ ALPHA, SCISSOR = 1, 2  # BaseMaterial3D.Transparency
 pytestmark = [pytest.mark.independent, pytest.mark.long]
 
 
-def baked(source: Path, out: Path, *options: str, preset: str = "godot") -> None:
-    chosen = options or ("--method", "linear")
-    assert run("bake", source, "-o", out, "--preset", preset, *chosen)[0] == 0
-
-
 def stacks(folder: Path) -> Path:
     """A folder of stacks: what users bake, and what they take for it."""
     sources, out = folder / "sources", folder / "stacks"
     colours = np.dstack([waves(3), waves(6), waves(9)])
     whole = {"wood_base_color": np.dstack([COLOUR, OPACITY]), "wood_emissive": colours}
-    baked(packed_sets.orm(sources / "wood", **whole), out)
+    baked(packed_sets.orm(sources / "wood", **whole), out, "godot")
     see_through = {"leaf_base_color": np.dstack([COLOUR, OPACITY]), "leaf_normal_gl": encoded(NORMALS)}
     leaf = packed_sets.write(
         sources / "leaf", leaf_roughness=ROUGH, wood_base_color=None, wood_normal_gl=None, **see_through
     )
-    chosen = [
-        "--method",
-        "neural",
-        "--sampler",
-        "anisotropic",
-        "--alpha-cutoff",
-        "0.5",
-        "--wrap-u",
-        "clamp",
-        "--wrap-v",
-        "clamp",
-    ]
-    baked(leaf, out, *chosen)
-    wall = {"wall_roughness": ROUGH, "wall_metallic": METAL, "wall_normal_gl": encoded(NORMALS)}
-    tiles = {f"{name}.{tile}": pixels for tile in (1001, 1002) for name, pixels in wall.items()}
-    baked(packed_sets.write(sources / "wall", wood_base_color=None, wood_normal_gl=None, **tiles), out)
-    baked(packed_sets.orm(sources / "plank"), out, preset="unity")
+    clamped = ["--wrap-u", "clamp", "--wrap-v", "clamp"]
+    baked(leaf, out, "godot", "--method", "neural", "--sampler", "anisotropic", "--alpha-cutoff", "0.5", *clamped)
+    baked(packed_sets.tiles(sources / "wall", wall_metallic=METAL), out, "godot")
+    baked(packed_sets.orm(sources / "plank"), out, "unity")
     odd = {"odd_normal_gl": encoded(NORMALS[:12, :12]), "odd_roughness": AO[:12, :12]}
-    baked(packed_sets.write(sources / "odd", wood_base_color=None, wood_normal_gl=None, **odd), out)
+    baked(packed_sets.write(sources / "odd", wood_base_color=None, wood_normal_gl=None, **odd), out, "godot")
     shutil.copytree(out / "wood", out / "torn")
     (out / "torn" / "wood_orm.dds").unlink()
     (out / "other").mkdir()
@@ -173,7 +154,7 @@ def test_a_floor_is_closer_to_the_supersampled_one(browser: Any, tmp_path: Path)
     leather = ADDON.parents[3] / "examples" / "lacquered_leather"
     files = {f"addons/mipbake/{path.name}": path.read_bytes() for path in ADDON.iterdir()}
     for method in ("linear", "neural"):
-        baked(leather, tmp_path / method, "--method", method)
+        baked(leather, tmp_path / method, "godot", "--method", method)
         folder = tmp_path / method / leather.name
         files |= {f"{method}/{path.name}": path.read_bytes() for path in folder.iterdir()}
     lines = played(browser, (HERE / "floor.gd").read_text(), files)

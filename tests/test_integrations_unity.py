@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from . import packed_sets
-from .command_line import run
-from .packed_sets import COLOUR, NORMALS, OPACITY, ROUGH, encoded, waves
+from .packed_sets import COLOUR, OPACITY, baked, every_map
 
 SCRIPT = Path(__file__).parents[1] / "integrations" / "unity" / "Editor" / "MipbakePostprocessor.cs"
 STAND_IN = Path(__file__).parent / "unity" / "UnityStandIn.cs"
@@ -40,17 +39,9 @@ def imported(editor: Path, assets: Path, *arguments: str) -> list[str]:
     return done.stdout.splitlines()
 
 
-def baked(source: Path, *options: str, preset: str = "unity") -> Path:
+def assets_of(source: Path, *options: str, preset: str = "unity") -> Path:
     """The folder Assets beside the set, with the stack in it."""
-    assets = source.parent / "Assets"
-    assert run("bake", source, "-o", assets, "--preset", preset, *(options or ("--method", "linear")))[0] == 0
-    return assets
-
-
-def wood(folder: Path) -> Path:
-    colours = np.dstack([waves(3), waves(6), waves(9)])
-    opaque = np.dstack([COLOUR, OPACITY])
-    return packed_sets.orm(folder / "wood", wood_base_color=opaque, wood_emissive=colours, wood_height=waves(11))
+    return baked(source, source.parent / "Assets", preset, *options).parent
 
 
 TEXTURES = [
@@ -73,14 +64,14 @@ MATERIALS = {
 
 @pytest.mark.parametrize("shader", MATERIALS)
 def test_textures_and_materials_of_each_pipeline(editor: Path, tmp_path: Path, shader: str) -> None:
-    said = imported(editor, baked(wood(tmp_path)), shader)
+    said = imported(editor, assets_of(every_map(tmp_path / "wood")), shader)
     material = f"material Assets/wood.mat {shader} {MATERIALS[shader]}"
     assert said[:5] == TEXTURES and said[5] == "log mipbake: made Assets/wood.mat"
     assert said[6].replace("=wood_", "=").replace(".dds", "") == material and len(said) == 7
 
 
 def test_a_material_that_is_there_keeps_what_the_user_set(editor: Path, tmp_path: Path) -> None:
-    said = imported(editor, baked(wood(tmp_path)), UNIVERSAL, "twice")
+    said = imported(editor, assets_of(every_map(tmp_path / "wood")), UNIVERSAL, "twice")
     assert [line for line in said if line.startswith("log")] == [
         "log mipbake: made Assets/wood.mat",
         "log mipbake: updated Assets/wood.mat",
@@ -91,17 +82,14 @@ def test_a_material_that_is_there_keeps_what_the_user_set(editor: Path, tmp_path
 def test_sampler_wrap_and_tested_opacity(editor: Path, tmp_path: Path) -> None:
     leaf = packed_sets.orm(tmp_path / "leaf", wood_base_color=np.dstack([COLOUR, OPACITY]))
     options = ["--method", "neural", "--sampler", "anisotropic 4x", "--alpha-cutoff", "0.25", "--wrap-u", "clamp"]
-    said = imported(editor, baked(leaf, *options), UNIVERSAL)
+    said = imported(editor, assets_of(leaf, *options), UNIVERSAL)
     assert said[0] == "texture Assets/leaf/leaf_BaseMap.dds Trilinear Clamp Repeat True 4 Assets/leaf/stack.json"
     assert " _AlphaClip=1 " in said[-1] and " _Cutoff=0.25 " in said[-1] and "_ALPHATEST_ON" in said[-1]
     assert said[-1].endswith("EmissiveIsBlack 2450")
 
 
 def test_tiles_have_a_material_each(editor: Path, tmp_path: Path) -> None:
-    wall = {"wall_normal_gl": encoded(NORMALS), "wall_roughness": ROUGH}
-    tiles = {f"{name}.{tile}": pixels for tile in (1001, 1002) for name, pixels in wall.items()}
-    source = packed_sets.write(tmp_path / "wall", wood_base_color=None, wood_normal_gl=None, **tiles)
-    said = imported(editor, baked(source), STANDARD)
+    said = imported(editor, assets_of(packed_sets.tiles(tmp_path / "wall")), STANDARD)
     assert [line for line in said if line.startswith("log")] == [
         "log mipbake: made Assets/wall.1001.mat",
         "log mipbake: made Assets/wall.1002.mat",
@@ -114,8 +102,8 @@ def test_tiles_have_a_material_each(editor: Path, tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_used_gets_a_sentence_and_no_material(editor: Path, tmp_path: Path) -> None:
-    assets = baked(wood(tmp_path))
-    baked(packed_sets.orm(tmp_path / "plank"), preset="godot")
+    assets = assets_of(every_map(tmp_path / "wood"))
+    assets_of(packed_sets.orm(tmp_path / "plank"), preset="godot")
     (assets / "wood" / "wood_Normal.dds").unlink()
     (assets / "stack.json").write_text("not JSON")
     (assets / "stacked_boxes.json").write_text('{"schema": "of others"}')
@@ -132,12 +120,12 @@ def test_what_cannot_be_used_gets_a_sentence_and_no_material(editor: Path, tmp_p
 
 def test_files_that_lie_in_assets_itself(editor: Path, tmp_path: Path) -> None:
     (tmp_path / "project").mkdir()
-    assets = shutil.copytree(baked(wood(tmp_path)) / "wood", tmp_path / "project" / "Assets")
+    assets = shutil.copytree(assets_of(every_map(tmp_path / "wood")) / "wood", tmp_path / "project" / "Assets")
     said = imported(editor, assets, UNIVERSAL)
     assert "log mipbake: made Assets/material.mat" in said
 
 
 def test_settings_under_other_names_are_said(editor: Path, tmp_path: Path) -> None:
-    said = imported(editor, baked(wood(tmp_path)), UNIVERSAL, "hide")
+    said = imported(editor, assets_of(every_map(tmp_path / "wood")), UNIVERSAL, "hide")
     warning = "warning mipbake: set sRGB of Assets/wood/wood_MaskMap.dds in the inspector, on for colours alone."
     assert warning in said and "log mipbake: made Assets/wood.mat" in said

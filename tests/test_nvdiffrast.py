@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import copy
 import functools
-import importlib
 import inspect
 import logging
 import pickle
@@ -30,6 +29,8 @@ from torch import Tensor
 import mipbake.nvdiffrast as dr
 from mipbake import raster, sampling
 from mipbake.base.errors import UsageError
+
+from .example_scripts import EXAMPLES, scripts
 
 DOCUMENTED = {
     "RasterizeCudaContext": "device=None",
@@ -320,7 +321,7 @@ def test_the_module_loads_without_torch() -> None:
 
 # ---- samples of the documentation, as programs for nvdiffrast ----
 
-FITTING = Path(__file__).parents[1] / "examples" / "fitting"
+FITTING = EXAMPLES / "fitting"
 OURS, THEIRS = "import mipbake.nvdiffrast as dr", "import nvdiffrast.torch as dr"
 SMALL = {
     "triangle": ["--cuda"],
@@ -381,26 +382,17 @@ def test_samples_run_where_one_line_is_nvdiffrasts(name: str, tmp_path: Path, mo
     text = (FITTING / f"{name}.py").read_text(encoding="utf-8")
     assert [line for line in text.splitlines() if "mipbake" in line] == [OURS]
     monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(str(tmp_path))
-    for module in (*HELPERS, *SMALL):
-        monkeypatch.delitem(sys.modules, module, raising=False)
     for helper in HELPERS:
         shutil.copy(FITTING / f"{helper}.py", tmp_path)
         assert "mipbake" not in (tmp_path / f"{helper}.py").read_text(encoding="utf-8")
     few = text.replace(OURS, THEIRS).replace("range(200)", "range(4)")  # the iterations of minimal.py
     (tmp_path / f"{name}.py").write_text(few, encoding="utf-8")
     package = ModuleType("nvdiffrast")
-    package.torch = as_documented()  # type: ignore[attr-defined]
+    package.torch = as_documented()
     monkeypatch.setitem(sys.modules, "nvdiffrast", package)
     monkeypatch.setitem(sys.modules, "nvdiffrast.torch", package.torch)
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)  # as the scripts do
-    try:
+    with scripts(tmp_path) as load:
         if name == "minimal":
             runpy.run_path("minimal.py", run_name="__main__")
         else:
-            importlib.import_module(name).main(SMALL[name])
-    finally:
-        torch.set_num_threads(threads)
-        for module in (*HELPERS, *SMALL):
-            sys.modules.pop(module, None)
+            load(name).main(SMALL[name])
