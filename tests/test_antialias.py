@@ -43,9 +43,7 @@ def coverage(pos: Tensor, tri: Tensor, size: tuple[int, int]) -> Tensor:
     boost=st.sampled_from([1.0, 0.0, -3.5]),
 )
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-def test_random_meshes(
-    dtype: torch.dtype, seed: int, size: tuple[int, int], batch: int, channels: int, ranged: bool, boost: float
-) -> None:
+def test_random_meshes(dtype, seed, size, batch, channels, ranged, boost):
     pos, tri = random_mesh(seed, 1 if ranged else batch, 12, vertices=9, dtype=dtype)
     ranges = torch.tensor([[0, 12], [3, 5]], dtype=torch.int32) if ranged else None
     pos = pos[0] if ranged else pos

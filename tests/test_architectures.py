@@ -29,7 +29,7 @@ KINDS = sorted(ARCHITECTURES)
 def training_of(architecture: str) -> TrainingConfig:
     """With the settings that it has by default, and small patches."""
     network = ARCHITECTURES[architecture]()
-    loss = LOSSES[network.trained_with](crop_size=16)  # type: ignore[call-arg]
+    loss = LOSSES[network.trained_with](crop_size=16)
     return TrainingConfig(network=network, loss=loss, run=RunConfig(steps=2))
 
 

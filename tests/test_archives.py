@@ -8,7 +8,6 @@ import struct
 import tempfile
 import zipfile
 import zlib
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -137,9 +136,7 @@ def take_second_names(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("name", ELSEWHERE)
-def test_members_that_would_lie_elsewhere_are_refused(
-    name: str, tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_members_that_would_lie_elsewhere_are_refused(name, tmp_path, capsys, monkeypatch):
     (tmp_path / "in").mkdir()
     name = name.format(tmp_path / "new")
     take_second_names(monkeypatch)
@@ -169,13 +166,7 @@ def linked() -> zipfile.ZipInfo:
         ((), "is not a ZIP archive"),
     ],
 )
-def test_archives_of_nothing_usable_are_refused(
-    names: tuple[str | zipfile.ZipInfo, ...],
-    told: str,
-    tmp_path: Path,
-    capsys: Capture,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_archives_of_nothing_usable_are_refused(names, told, tmp_path, capsys, monkeypatch):
     archive = written(tmp_path / "a.zip", *((name, b"x") for name in names))
     if told == "holds 3 files":
         monkeypatch.setattr(archives, "MOST_FILES", 2)
@@ -249,9 +240,7 @@ def wood(folder: Path, **inputs: str) -> Path:
 
 
 @pytest.mark.long
-def test_a_gltf_in_an_archive_is_baked_as_it_is_in_a_folder(
-    scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
-) -> None:
+def test_a_gltf_in_an_archive_is_baked_as_it_is_in_a_folder(scene, tmp_path, monkeypatch, capsys):
     archive = zipped(tmp_path / "in" / "scene.zip", scene, "some/where/")
     (tmp_path / "scratch").mkdir()
     monkeypatch.setenv("TMPDIR", str(tmp_path / "scratch"))
@@ -315,9 +304,7 @@ def test_names_are_enough_beside_a_material_document(tmp_path: Path, capsys: Cap
 
 
 @pytest.mark.parametrize("uri", ["../../secret.png", "..%2Fsecret.png", "%2E%2E/secret.png"])
-def test_documents_that_look_out_of_their_archive_are_refused(
-    uri: str, tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_documents_that_look_out_of_their_archive_are_refused(uri, tmp_path, capsys, monkeypatch):
     gltf = two_textures(png("normal a"), png("mr")).write(tmp_path / "scene", "external")
     content = json.loads(gltf.read_text())
     content["images"][0]["uri"] = uri
@@ -329,9 +316,7 @@ def test_documents_that_look_out_of_their_archive_are_refused(
 
 @pytest.mark.parametrize("name", ["../../a.png", "/etc/hostname", "..\\a.png"])
 @pytest.mark.parametrize("include", [False, True])
-def test_material_documents_that_look_out_of_their_archive_are_refused(
-    name: str, include: bool, tmp_path: Path, capsys: Capture
-) -> None:
+def test_material_documents_that_look_out_of_their_archive_are_refused(name, include, tmp_path, capsys):
     path = wood(tmp_path / "wood")
     text = path.read_text()
     asked = f'<xi:include xmlns:xi="http://www.w3.org/2001/XInclude" href="{name}"/>'
@@ -388,12 +373,8 @@ BROKEN = (long_names, without_roughness, broken_image, long_address)
 @pytest.mark.parametrize("broken", BROKEN, ids=lambda each: each.__name__)
 @pytest.mark.parametrize("archived", [True, False])
 def test_what_is_said_of_broken_sources_is_short_and_names_no_temporary_folder(
-    broken: Callable[[Path], None],
-    archived: bool,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: Capture,
-) -> None:
+    broken, archived, tmp_path, monkeypatch, capsys
+):
     monkeypatch.chdir(tmp_path)
     broken(Path("in"))
     (tmp_path / "scratch").mkdir()

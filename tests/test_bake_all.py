@@ -18,8 +18,6 @@ from .command_line import tree, write_set
 from .gltf_files import png
 from .gltf_results import two_textures
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "files.md"
-
 
 @pytest.fixture
 def sources(tmp_path: Path) -> list[Path]:

@@ -68,9 +68,7 @@ def test_a_file_of_another_time_and_the_same_content(library: Path, inline: Inli
     assert {path: path.stat().st_mtime_ns for path in out.rglob("*.png")} == before
 
 
-def test_a_file_that_was_just_written_is_looked_into(
-    library: Path, inline: Inline, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_that_was_just_written_is_looked_into(library, inline, monkeypatch):
     """Its time would be the same if it changed once more within the same tick of the file system's clock."""
     monkeypatch.setattr(batch_state, "FRESH", 3_600_000_000_000)  # however slow the machine of this test is
     bake(library)
@@ -246,9 +244,7 @@ def test_all_maps_change(library: Path, inline: Inline) -> None:
     assert counts(bake(library)) == (1, 1, 0)
 
 
-def test_a_result_with_a_defect_is_told_in_the_same_way_again(
-    library: Path, inline: Inline, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_result_with_a_defect_is_told_in_the_same_way_again(library, inline, monkeypatch):
     plain = batch_task.bake_jobs
 
     def defective(*arguments: Any) -> list[Result]:

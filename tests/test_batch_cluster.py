@@ -79,7 +79,7 @@ def test_results_are_those_of_one_machine(tmp_path: Path, machines: Cluster, mon
     assert [each.results[0].source for each in found.entries] == [each.results[0].source for each in here.entries]
     baked = [(a.results[0], b.results[0]) for a, b in zip(found.entries, here.entries, strict=True)]
     for a, b in baked:
-        assert isinstance(a, NotBaked) or Path("calm") / a.out.relative_to("out") == b.out  # type: ignore[union-attr]
+        assert isinstance(a, NotBaked) or Path("calm") / a.out.relative_to("out") == b.out
     assert counts(bake("lib", "out", machines)) == (0, 4, 1)
     assert tree(Path("out/.mipbake")) == ["batch.jsonl"]
 

@@ -167,9 +167,7 @@ def test_a_result_whose_manifest_a_build_system_removed(library: Path, inline: I
 
 
 @pytest.mark.long
-def test_results_whose_sources_are_gone_are_named(
-    tmp_path: Path, inline: Inline, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_results_whose_sources_are_gone_are_named(tmp_path, inline, capsys):
     root, out = tmp_path / "lib", tmp_path / "out"
     for name in ("iron", "steel", "wood"):
         write_set(root / name)
@@ -215,9 +213,7 @@ def test_results_of_a_library_and_of_a_set_alone_do_not_lie_in_each_other(librar
     assert "it holds other results" in str(failure.error)
 
 
-def test_an_archive_that_changes_while_it_is_read(
-    tmp_path: Path, inline: Inline, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_archive_that_changes_while_it_is_read(tmp_path, inline, monkeypatch):
     write_set(tmp_path / "one" / "s")
     write_set(tmp_path / "two" / "s", roughness=np.full((16, 16), 200, np.uint8))
     (tmp_path / "lib").mkdir()

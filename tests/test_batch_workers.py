@@ -150,11 +150,7 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert "2 sets baked, 0 unchanged, 1 failed" in told.out
     assert told.err.count("\n") == 1 and told.err.startswith("mipbake: broken: ")
     lines = [json.loads(line) for line in log.read_text().splitlines()]
-    assert {line["entry"]: line["ok"] for line in lines} == {
-        "broken": False,
-        "group0/set0": True,
-        "group1/set1": True,
-    }
+    assert {line["entry"]: line["ok"] for line in lines} == {"broken": False, "group0/set0": True, "group1/set1": True}
     assert main([*base, "--json"]) == 3
     found = json.loads(capsys.readouterr().out)
     assert [each.get("unchanged", False) for each in found["results"]] == [False, True, True]
@@ -162,14 +158,6 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert main([*base, "--quiet", "--force"]) == 3
     told = capsys.readouterr()
     assert told.out == "" and told.err.count("\n") == 1
-
-
-@pytest.mark.long
-def test_who_forgot_that_folders_hold_folders_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    library = write_library(tmp_path / "lib", 2)
-    assert main(["bake", str(library), "-o", str(tmp_path / "out"), "--method", "linear", "--jobs", "1"]) == 3
-    told = capsys.readouterr()
-    assert f"3 texture sets below {library}: the same command with --recursive bakes all of it" in told.out
 
 
 @needs_signals

@@ -34,9 +34,7 @@ def films(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     return script
 
 
-def test_methods_are_baked_for_the_sampler_that_looks_them_up(
-    films: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_methods_are_baked_for_the_sampler_that_looks_them_up(films, monkeypatch, tmp_path):
     baked: list[tuple[str, str]] = []
     bake_all = films.bake_all
 
@@ -64,9 +62,7 @@ def test_methods_are_baked_for_the_sampler_that_looks_them_up(
     assert 0 < found["roughness"] < 1 and found["slope"] > 0
 
 
-def test_verdicts_of_bakes_are_held_beside_their_films(
-    films: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_verdicts_of_bakes_are_held_beside_their_films(films, monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(films, "SAMPLERS", ("trilinear",))
     effort = films.FilmsEffort(32, 2, 16, ("linear (box)", "auto"))
     found = films.measured(bumpy(32), "lamps", tmp_path, effort)
@@ -83,9 +79,7 @@ def test_verdicts_of_bakes_are_held_beside_their_films(
     assert f"  trilinear: +0.25 JOD; verdict: {said['sentence']} {said['advice']}\n" in capsys.readouterr().out
 
 
-def test_sets_are_measured_in_pieces(
-    films: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_sets_are_measured_in_pieces(films, monkeypatch, tmp_path, capsys):
     done: list[tuple[str, str]] = []
 
     def measured(texture_set: str, lighting: str, work: Path, effort: Any) -> dict[str, Any]:

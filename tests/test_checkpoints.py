@@ -67,9 +67,7 @@ def kept_training(folder: Path) -> Path:
         (kept_training, lambda folder: load_state(folder / "last.npz"), "train anew"),
     ],
 )
-def test_damage_is_noticed(
-    kept: Callable[[Path], Path], read: Callable[[Path], Any], said: str, tmp_path: Path
-) -> None:
+def test_damage_is_noticed(kept, read, said, tmp_path):
     file = kept(tmp_path)
     read(tmp_path)
     content = file.read_bytes()
@@ -81,9 +79,7 @@ def test_damage_is_noticed(
             read(tmp_path)
 
 
-def test_an_earlier_one_stays_where_a_new_one_cannot_be_written(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_earlier_one_stays_where_a_new_one_cannot_be_written(tmp_path, monkeypatch):
     file = fit(tmp_path)
     before = file.read_bytes()
 

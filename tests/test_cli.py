@@ -265,11 +265,7 @@ def test_names_that_the_terminal_cannot_show_are_escaped(tmp_path):
 
 
 def test_a_bake_says_how_it_compares_with_closed_forms_and_plain_maps() -> None:
-    for aim, gain, visible, notes in (
-        (0.5, -1.0, None, ["--aim 0 asks"]),
-        (0.5, 1.0, 0.7, []),
-        (0.0, -1.0, 0.99, []),
-    ):
+    for aim, gain, visible, notes in ((0.5, -1.0, None, ["--aim 0 asks"]), (0.5, 1.0, 0.7, []), (0.0, -1.0, 0.99, [])):
         figures = ({"sharp": 10.0 + gain}, {"sharp": 0.1}, {"sharp": "lean (box)"}, {"sharp": 10.0}, {"sharp": 0.1})
         found = Measured((MeasuredLevel(*figures, 0, ("neural",), 0.0),), 8, 8, visible=visible)
         first, *others = measured_lines(Provenance("auto", "gaussian", promise=found, aim=aim))
@@ -318,4 +314,4 @@ def test_the_package_offers_names_and_no_modules() -> None:
     for name in mipbake.__all__:
         assert not inspect.ismodule(getattr(mipbake, name)), name
     with pytest.raises(AttributeError, match="no attribute 'brake'"):
-        mipbake.brake  # type: ignore[attr-defined]  # noqa: B018
+        mipbake.brake  # noqa: B018

@@ -86,9 +86,7 @@ def test_films_are_made_unless_they_are_not_wanted(run: Run, capsys: pytest.Capt
     assert results["settings"]["sampler"] == {"lookups": 4, "bias": -1.0, "frames": 8}
 
 
-def test_a_condition_on_a_film_needs_its_judge(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_condition_on_a_film_needs_its_judge(folder, tmp_path, capsys, monkeypatch):
     def missing() -> None:
         raise UsageError("a film is judged by ColorVideoVDP, which is not installed: type 'pip'")
 
@@ -98,9 +96,7 @@ def test_a_condition_on_a_film_needs_its_judge(
     assert not (tmp_path / "r").exists()
 
 
-def test_a_stack_that_was_baked_is_what_the_verdict_is_about(
-    run: Run, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_stack_that_was_baked_is_what_the_verdict_is_about(run, folder, tmp_path, capsys):
     assert main(["bake", str(folder), "-o", str(tmp_path / "out"), "--method", "lean", "--filter", "box", "-q"]) == 0
     condition = "snr near-mirror lod=0 method='linear (box)' > -90"
     baked = ["--baked", tmp_path / "out" / "metal", "--methods", "linear", "--sampler", "stochastic"]
@@ -166,15 +162,7 @@ def test_a_mesh_and_a_light_of_the_users(run: Run, tmp_path: Path) -> None:
         (["-o", "metal"], 4, "metal"),
     ],
 )
-def test_what_cannot_be_compared_is_said_before_any_work(
-    folder: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-    arguments: list[str],
-    code: int,
-    part: str,
-) -> None:
+def test_what_cannot_be_compared_is_said_before_any_work(folder, tmp_path, capsys, monkeypatch, arguments, code, part):
     monkeypatch.chdir(tmp_path)
     write_mesh(tmp_path / "triangle.obj")
     write_mesh(tmp_path / "bare.obj", uv=False)

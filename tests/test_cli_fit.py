@@ -188,8 +188,7 @@ RAISING = """
 
 
 @pytest.mark.parametrize(
-    ("where", "raises"),
-    [("raises", 'raise RuntimeError("no licence")'), ("made", 'raise SystemExit("no licence")')],
+    ("where", "raises"), [("raises", 'raise RuntimeError("no licence")'), ("made", 'raise SystemExit("no licence")')]
 )
 def test_an_exception_of_a_renderer_is_told_with_its_place(folder, tmp_path, module, capsys, where, raises):
     parts = {"raises": "pass", "made": "pass"} | {where: raises}

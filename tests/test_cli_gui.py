@@ -175,7 +175,6 @@ def test_ctrl_c_ends_it_and_leaves_nothing(tmp_path: Path) -> None:
         text=True,
         env={**os.environ, "TMPDIR": str(work), "PYTHONUNBUFFERED": "1"},
     )
-    assert started.stdout is not None
     url = started.stdout.readline().split()[3]
     with urllib.request.urlopen(f"{url}api/start", timeout=30) as answer:
         assert json.load(answer)["source"] == "metal"

@@ -26,9 +26,7 @@ def opened(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[str]:
     return asked
 
 
-def test_a_preview_is_the_view_alone_and_is_opened(
-    tmp_path: Path, opened: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_preview_is_the_view_alone_and_is_opened(tmp_path, opened, capsys):
     assert main(["preview", str(write_set(tmp_path / "metal"))]) == 0
     (written,) = (tmp_path / "temporary").glob("*/metal/index.html")
     assert opened == [written.as_uri()] and capsys.readouterr().out.startswith(f"wrote {written}\nfor a verdict, ")
@@ -37,9 +35,7 @@ def test_a_preview_is_the_view_alone_and_is_opened(
     assert [section["id"] for section in Page(text).all("section")] == ["view", "made"]
 
 
-def test_a_place_and_a_method_of_ones_own(
-    tmp_path: Path, opened: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_place_and_a_method_of_ones_own(tmp_path, opened, capsys):
     folder, out = write_set(tmp_path / "metal"), tmp_path / "out"
     given = ["preview", str(folder), "-o", str(out), "--no-open", "--method", "lean", "--json"]
     assert main(given) == 0 and not opened

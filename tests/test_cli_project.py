@@ -67,9 +67,7 @@ def test_what_applies_is_shown_with_its_place(project: Path, capsys: pytest.Capt
     assert not (project / "baked").exists()
 
 
-def test_without_sources_and_without_a_project(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_without_sources_and_without_a_project(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     for command in ("bake", "inspect"):
         assert "missing argument 'SOURCE': expected one or more, or a mipbake.toml" in fails(capsys, 2, command)

@@ -40,10 +40,7 @@ def shell(line: str, *arguments: object) -> tuple[int, str, str]:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    "line",
-    ["$MIPBAKE | head -n 1", "$MIPBAKE >&-", "$MIPBAKE > /dev/full 2> /dev/full"],
-)
+@pytest.mark.parametrize("line", ["$MIPBAKE | head -n 1", "$MIPBAKE >&-", "$MIPBAKE > /dev/full 2> /dev/full"])
 def test_a_bake_goes_on_without_a_reader(folder: Path, tmp_path: Path, line: str) -> None:
     if "/dev/full" in line and not Path("/dev/full").exists():
         pytest.skip("there is no /dev/full")
@@ -114,9 +111,7 @@ def test_signals_while_the_program_loads_end_it_in_a_sentence(
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_signals_before_the_command_is_known_end_it_in_a_sentence(
-    folder: Path, tmp_path: Path, number: int, code: int
-) -> None:
+def test_signals_before_the_command_is_known_end_it_in_a_sentence(folder, tmp_path, number, code):
     program = (
         "import os, signal, sys, typer.main; from mipbake.cli.main import run; "
         "signal.signal(signal.SIGINT, signal.default_int_handler); "  # a shell may ignore it

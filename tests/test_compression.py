@@ -187,7 +187,6 @@ def test_coverage_is_measured_in_the_files(tmp_path, fmt: str, packing: str) -> 
     baked, back = leaves()[1].extra["opacity"], mipbake.open_stack(tmp_path / "s").extra["opacity"]
     shares = [((a >= 0.5).mean(), (b >= 0.5).mean()) for a, b in zip(baked, back, strict=True)]
     changes = [abs(a - b) for a, b in shares[:4]]
-    assert found.coverage is not None
     assert found.coverage.change == max(changes)
     assert (found.coverage.baked, found.coverage.written) == shares[found.coverage.level]
     assert found.coverage.alone == (packing == "separate")

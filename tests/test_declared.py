@@ -199,9 +199,7 @@ def write_tiff(path: Path, texels: np.ndarray, extra: int | None) -> Path:
         ("a_color.tif", {"extra": 1}, False, "straight"),
     ],
 )
-def test_colours_are_divided_by_alpha_where_the_file_says_so(
-    name: str, kind: dict, multiplied: bool, asked: str | None, tmp_path: Path
-) -> None:
+def test_colours_are_divided_by_alpha_where_the_file_says_so(name, kind, multiplied, asked, tmp_path):
     """Straight colours in an EXR exceed their alpha, which cannot be, so they are taken as they are."""
     write_alpha(tmp_path / name, multiplied, **kind)
     found = bake_colour(tmp_path, name, alpha=asked)
@@ -239,9 +237,7 @@ def test_colours_that_this_program_wrote_are_not_divided(tmp_path: Path) -> None
         ([RGB, {"Y": 0.75}], "roughness", (0.75,)),
     ],
 )
-def test_channels_of_exr_are_known_by_their_names(
-    parts: list[Channels], role: str, values: tuple[float, ...], tmp_path: Path
-) -> None:
+def test_channels_of_exr_are_known_by_their_names(parts, role, values, tmp_path):
     names = ["diffuse", "roughness"] if len(parts) > 1 else []
     path = write_exr(tmp_path / "a.exr", *parts, names=names)
     header = read_header(path, role)
@@ -292,9 +288,7 @@ def test_channels_that_store_fewer_texels_are_refused(tmp_path: Path) -> None:
         ((-2, 1, 6, 4), (6, 4), (slice(1, 4), slice(0, 4)), "the rest of it is zero"),
     ],
 )
-def test_the_display_window_is_the_texture(
-    window: tuple[int, ...], size: tuple[int, int], inside: Any, told: str, tmp_path: Path
-) -> None:
+def test_the_display_window_is_the_texture(window, size, inside, told, tmp_path):
     write_exr(tmp_path / "a_color.exr", RGB, window=window)
     found = bake_colour(tmp_path, "a_color.exr")
     pixels = found.maps["base_color"].pixels

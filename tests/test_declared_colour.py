@@ -147,9 +147,7 @@ def test_chunks_of_png_in_their_order(chunks: bytes, encoding: str, tmp_path: Pa
         (iccp(profile("sRGB", power(1.8))), "its ICC profile (own) says colours"),
     ],
 )
-def test_unknown_colours_are_warned_of_unless_the_user_says_what_they_are(
-    chunks: bytes, words: str, tmp_path: Path
-) -> None:
+def test_unknown_colours_are_warned_of_unless_the_user_says_what_they_are(chunks, words, tmp_path):
     path = with_chunks(tmp_path / "a_color.png", TEXELS, chunks)
     found = load(path)
     assert found.maps["base_color"].source.encoding == "sRGB"
@@ -189,9 +187,7 @@ def test_code_points_of_avif(codes: tuple[int, int], encoding: str, tmp_path: Pa
         ("chromaticities", (0.6, 0.3, 0.3, 0.6, 0.2, 0.1, 0.3, 0.3), LINEAR),
     ],
 )
-def test_what_exr_files_say_of_colours(
-    attribute: str, value: str | tuple[float, ...], encoding: str, tmp_path: Path
-) -> None:
+def test_what_exr_files_say_of_colours(attribute, value, encoding, tmp_path):
     """Under another suffix, too: OpenImageIO's own tool calls textures .tx, whatever is in them."""
     import OpenImageIO as oiio  # noqa: N813
 

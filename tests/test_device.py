@@ -72,9 +72,7 @@ def test_without_torch_names_are_checked_and_a_sentence_says_what_to_type(monkey
         ("12.8", 1, "cuda:0", r"cannot be used \(CUDA error: no kernel image is available\): expected"),
     ],
 )
-def test_a_card_that_cannot_be_used_is_a_sentence(
-    built: str | None, cards: int, name: str, sentence: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_card_that_cannot_be_used_is_a_sentence(built, cards, name, sentence, monkeypatch):
     def ones(*_: object, device: str) -> None:
         raise RuntimeError("CUDA error: no kernel image is available\nCompile with ...")
 
@@ -109,18 +107,13 @@ def test_commands_say_it_before_anything_is_made(tmp_path: Path, capsys: pytest.
     assert not out.exists()
 
 
-# The default
-
-
 # Another device
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", NETWORKS)
 @pytest.mark.parametrize("size", [(80, 50), (1, 1), (7, 1)])
-def test_a_bake_mixes_no_devices_and_copies_each_tile_once(
-    name: str, size: tuple[int, int], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_bake_mixes_no_devices_and_copies_each_tile_once(name, size, monkeypatch):
     """Tensors of the device `meta` have shapes and no values: what reads them, or mixes them with others, raises."""
     monkeypatch.setattr(tiles, "CARD_TILE", 32)
     network = NETWORKS[name]()
@@ -176,7 +169,7 @@ def test_the_method_bakes_where_it_is_told_to(weights: str | None) -> None:
 
 @ON_GPU
 @pytest.mark.parametrize("info", list_weights(), ids=lambda info: info.name)
-def test_a_graphics_card_bakes_what_the_processor_bakes(info) -> None:  # type: ignore[no-untyped-def]
+def test_a_graphics_card_bakes_what_the_processor_bakes(info) -> None:
     """In torch, and in the native core where it was compiled with CUDA."""
     (read, *_), target = info.network.encoders, info.network.decoders[0]
     asked = convert(leather(), "gltf", read), read, target, info.pixel_filters[0], ("wrap", "clamp")

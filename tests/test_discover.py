@@ -85,7 +85,6 @@ def test_every_file_of_a_provider_fills_its_roles(provider: str, tmp_path: Path)
 )
 def test_names_say_the_normal_convention(stem: str, convention: str | None) -> None:
     (match,) = classify([stem])
-    assert match is not None
     assert [(m.role, m.convention) for m in match.meanings] == [("normal", convention)]
 
 
@@ -104,7 +103,6 @@ def test_names_of_sets_say_no_role(stem: str) -> None:
 @pytest.mark.parametrize("stem", ["a_Specular_Color", "coat_roughness", "a_ClearcoatNormal", "a_detail_normal", "a_id"])
 def test_maps_of_other_lobes_are_recognised_and_not_used(stem: str) -> None:
     match, _ = classify([f"{stem}", "a_normal" if stem.startswith("a_") else "normal"])
-    assert match is not None
     assert match.meanings == ()
 
 
@@ -171,9 +169,7 @@ def test_of_both_conventions_opengl_is_taken_unless_the_option_says_otherwise(tm
         ({"metal_VAR2_4K": "metallic", "metal_VAR1_4K": "metallic"}, "metallic", "metal_VAR1_4K.png"),
     ],
 )
-def test_a_map_of_its_own_is_preferred_and_that_is_said(
-    second: dict[str, str], role: str, winner: str, tmp_path: Path
-) -> None:
+def test_a_map_of_its_own_is_preferred_and_that_is_said(second, role, winner, tmp_path):
     plain_set(tmp_path, **second)
     found = find(tmp_path)
     source = found.maps[role]
@@ -299,7 +295,7 @@ def test_left_out_maps_become_constants_or_disappear(tmp_path: Path) -> None:
 )
 def test_impossible_options_are_refused(arguments: dict[str, object], match: str) -> None:
     with pytest.raises(UsageError, match=match):
-        LoadOptions(**arguments)  # type: ignore[arg-type]
+        LoadOptions(**arguments)
 
 
 def test_options_that_name_what_is_not_there_are_refused(tmp_path: Path) -> None:

@@ -65,9 +65,7 @@ def test_three_and_filament_sample_the_levels_of_a_glb(web: None, monkeypatch: p
     assert importlib.import_module("gltf_proof").main() == 0
 
 
-def test_a_level_that_is_missing_in_a_glb_is_seen(
-    web: None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_level_that_is_missing_in_a_glb_is_seen(web, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["gltf_proof.py"])
     squares: ModuleType = importlib.import_module("glb_squares")
     coloured = squares.level_coloured

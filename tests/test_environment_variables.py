@@ -20,11 +20,7 @@ FIRST_USE = {
 
 def run(variable: str, text: str, script: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-c", script],
-        env={**os.environ, variable: text},
-        capture_output=True,
-        text=True,
-        check=False,
+        [sys.executable, "-c", script], env={**os.environ, variable: text}, capture_output=True, text=True, check=False
     )
 
 

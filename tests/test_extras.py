@@ -66,9 +66,7 @@ def test_commands_work_without_extras(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_who_lacks_an_extra_reads_what_to_type(
-    arguments: tuple[str | Path, ...], sentence: str, tmp_path: Path
-) -> None:
+def test_who_lacks_an_extra_reads_what_to_type(arguments, sentence, tmp_path):
     done = command(*(str(argument).format(tmp=tmp_path / "out") for argument in arguments))
     assert done.returncode == 2, done.stderr
     assert sentence in done.stderr and done.stderr.count("\n") == 1
@@ -77,7 +75,7 @@ def test_who_lacks_an_extra_reads_what_to_type(
 
 def test_packages_that_are_broken_are_not_called_missing() -> None:
     with pytest.raises(ModuleNotFoundError, match="no_such"), extra("compare", "this"):
-        import no_such_package  # type: ignore[import-not-found]  # noqa: F401
+        import no_such_package  # noqa: F401
     with pytest.raises(UsageError, match="this needs scipy, which"), extra("compare", "this"):
         raise ModuleNotFoundError(name="scipy.ndimage")
     check_extra("compare", "this")

@@ -63,9 +63,7 @@ GROUNDS = {  # height of the eye, degrees down, field, texels to the unit, step:
 
 
 @pytest.mark.parametrize(("name", "size"), [("floor", (64, 64)), ("low-floor", (16, 32)), ("wall", (16, 32))])
-def test_grounds_are_seen_as_a_pinhole_camera_sees_them_with_texels_as_large_for_any_size(
-    name: str, size: tuple[int, int]
-) -> None:
+def test_grounds_are_seen_as_a_pinhole_camera_sees_them_with_texels_as_large_for_any_size(name, size):
     eye, down, field, per_unit, (right, ahead) = GROUNDS[name]
     scene = films(size=size, height=80, frames=12)[name]
     focal = 60 / math.tan(math.radians(field / 2))
@@ -165,9 +163,7 @@ def test_the_reference_is_unbiased_and_its_noise_falls(tmp_path: Path) -> None:
     assert Supersampling(shots[:1] * 2, source, cache=tmp_path).passes == 0
 
 
-def test_samples_are_added_until_the_noise_is_small_or_the_limit_is_reached(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, unjudged: None
-) -> None:
+def test_samples_are_added_until_the_noise_is_small_or_the_limit_is_reached(tmp_path, monkeypatch, unjudged):
     scene, source = films()["floor"], filtered(STORED, "gaussian")
     shares: list[float] = []
     few, _ = film(scene, source, CANDIDATES, settings(32, tmp_path), shares.append)

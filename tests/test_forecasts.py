@@ -30,7 +30,7 @@ class Clock:
         return self.now
 
 
-def descended(monkeypatch: pytest.MonkeyPatch, seconds: float, before: float = 0.0, slower: float = 1.0):  # type: ignore[no-untyped-def]
+def descended(monkeypatch: pytest.MonkeyPatch, seconds: float, before: float = 0.0, slower: float = 1.0):
     """Sentences with their times, rounds of each window of level 0, and when it ended.
 
     Args:

@@ -83,7 +83,7 @@ def test_every_writer_says_that_the_disk_is_full(disk: Path) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("fmt", ["exr", "png", "dds", "glb"])
+@pytest.mark.parametrize("fmt", ["exr", "glb"])
 def test_a_bake_beyond_a_limit_of_files_exits_4(noise: Path, tmp_path: Path, fmt: str) -> None:
     code, err = bake(noise, tmp_path / "out", "--format", fmt, limit=4096)
     assert code == 4 and "the file is larger than its file system or a limit of the session allows" in err, err

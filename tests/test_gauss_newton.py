@@ -22,7 +22,7 @@ def quadratic(seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
 
 def system(curvature: np.ndarray, start: np.ndarray, **changes: object) -> System:
     arguments = {"held": None, "unit": np.ones_like(start), "limits": FREE, "damping": 1e-9} | changes
-    return System(start, curvature, **arguments)  # type: ignore[arg-type]
+    return System(start, curvature, **arguments)
 
 
 def slope(curvature: np.ndarray, lowest: np.ndarray, here: np.ndarray) -> np.ndarray:
@@ -77,7 +77,6 @@ def test_a_step_is_damped_until_the_value_falls() -> None:
 
     weak = system(curvature / 100, here)
     step = accepted(weak, here, slope(curvature, lowest, here), value, value(here), 1.0)
-    assert step is not None
     found, now, damping = step
     assert now == pytest.approx(value(found)) and now < value(here) and damping > 1
     assert accepted(weak, lowest, np.ones_like(lowest), value, 0.0, 1e-3) is None

@@ -11,7 +11,6 @@ import pytest
 
 import mipbake
 from mipbake.base.errors import InputError
-from mipbake.cli.main import main
 from mipbake.source.images import dds, ktx2
 from mipbake.source.images.blocks import to_blocks
 from mipbake.source.images.gpu_format import GPU_FORMATS, READ_FORMATS, GpuTexture
@@ -302,27 +301,3 @@ def test_levels_of_zlib(tmp_path: Path) -> None:
     packed = data[:44] + struct.pack("<I", 3) + data[48:80] + struct.pack("<3Q", at, len(stream), length)
     (tmp_path / "a.ktx2").write_bytes(packed + data[104:at] + stream)
     np.testing.assert_array_equal(read_image(tmp_path / "a.ktx2").pixels, RGBA)
-
-
-@pytest.mark.parametrize(
-    ("suffix", "place", "value", "told"),
-    [
-        ("ktx2", 36, 6, "holds a cube map of 6 faces: extract one face"),
-        ("ktx2", 32, 4, "holds an array of 4 layers"),
-        ("ktx2", 28, 3, "holds a 3D texture of 3 slices"),
-        ("ktx2", 12, 91, "has texels of Vulkan format 91, which are not decoded here"),
-        ("dds", 112, 0xFE00, "holds a cube map: extract one face"),
-        ("dds", 140, 2, "holds an array of 2 layers"),
-    ],
-)
-def test_what_is_not_one_image_is_refused_by_its_name(
-    suffix: str, place: int, value: int, told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    data = ktx2_of(RGBA) if suffix == "ktx2" else dds_of(RGBA, 0)
-    plain_set(tmp_path / "wood")
-    (tmp_path / "wood" / "base_color.png").unlink()
-    path = tmp_path / "wood" / f"base_color.{suffix}"
-    path.write_bytes(data[:place] + struct.pack("<I", value) + data[place + 4 :])
-    assert main(["inspect", str(tmp_path / "wood")]) == 3
-    (line,) = capsys.readouterr().err.strip().splitlines()
-    assert told in line and path.name in line

@@ -40,11 +40,7 @@ class Case(NamedTuple):
     pixel_filter: str
 
 
-CASES = [
-    Case("gltf", True, "gaussian"),
-    Case("gltf", False, "box"),
-    Case("ggx", False, "box"),
-]
+CASES = [Case("gltf", True, "gaussian"), Case("gltf", False, "box"), Case("ggx", False, "box")]
 
 
 def rendered(mi: Any, case: Case) -> np.ndarray:

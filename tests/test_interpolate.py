@@ -32,15 +32,7 @@ def scene(seed: int, size: tuple[int, int], batch: int, dtype: torch.dtype) -> t
     selected=st.lists(st.integers(0, 8), max_size=5) | st.sampled_from(["all", None]),
 )
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-def test_random_meshes(
-    dtype: torch.dtype,
-    seed: int,
-    size: tuple[int, int],
-    batch: int,
-    channels: int,
-    mode: str,
-    selected: list[int] | str | None,
-) -> None:
+def test_random_meshes(dtype, seed, size, batch, channels, mode, selected):
     """Values, derivatives and all gradients, for a second index buffer with vertices of its own; repeated ones too."""
     rast, rast_db, tri = scene(seed, size, batch, dtype)
     generator = torch.Generator().manual_seed(seed)

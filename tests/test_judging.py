@@ -149,16 +149,7 @@ def test_what_chance_decides_counts_little() -> None:
     known, unsure, chance = certainty(rows)
     assert known == 1 and 0.3 < unsure < 0.7 and chance < 0.01
     baseline = Baseline.of(Score(np.zeros((2, 4)), rows[[0, 1, 2, 2]], np.zeros((len(PICTURES), 4))))
-    assert baseline.certainties.tolist() == [
-        1,
-        1,
-        known,
-        unsure,
-        chance,
-        chance,
-        1,
-        1,
-    ]  # pictures last
+    assert baseline.certainties.tolist() == [1, 1, known, unsure, chance, chance, 1, 1]  # pictures last
 
 
 def test_noisy_references_take_more_samples() -> None:

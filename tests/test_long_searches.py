@@ -258,7 +258,6 @@ def test_two_processes_do_not_share_a_checkpoint(tmp_path: Path, whole: Prefilte
     path, notes = tmp_path / "kept", list[str]()
     stopped(path)
     lock = checkpoints.lock_of(path / "lock")
-    assert lock is not None
     before = {file: file.read_bytes() for file in path.iterdir()}
     try:
         assert same(searched(path, notes=notes.append), whole)
@@ -339,9 +338,7 @@ class Stops(Listener):
 
 
 @pytest.mark.long
-def test_sets_after_a_search_that_was_stopped_are_not_begun(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_sets_after_a_search_that_was_stopped_are_not_begun(folder, tmp_path, monkeypatch):
     with_many_regions(monkeypatch.setattr)
     other = write_set(tmp_path / "other", **bumps(16, 32))
     options = mipbake.BakeOptions(method="refine", budget="best")

@@ -18,16 +18,7 @@ from mipbake.baking.methods import METHODS
 from mipbake.baking.search import texel_coordinates
 from mipbake.comparing.cautions import limits
 from mipbake.comparing.viewer import texel_bytes, viewer_fragment
-from mipbake.material import (
-    FACTS,
-    MODELS,
-    Kind,
-    MaterialModel,
-    convert,
-    directions,
-    losses,
-    regularise,
-)
+from mipbake.material import FACTS, MODELS, Kind, MaterialModel, convert, directions, losses, regularise
 from mipbake.models import parameters
 from mipbake.models.latent_config import LatentConfig
 from mipbake.shading import models, reference

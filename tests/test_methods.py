@@ -19,13 +19,9 @@ from mipbake.baking.search.texel_descent import DescentEffort
 from mipbake.base.errors import UsageError
 from mipbake.material import MODELS, convert
 from mipbake.material.aim import ANISOTROPIC, Sampler
-from mipbake.material.filtered_source import FilteredSource
 from mipbake.material.pixel_filter import FILTERS, level_sizes
 from mipbake.models import list_weights
 from mipbake.quality.judging.probes import ProbeEffort
-from mipbake.quality.metrics.pairs import pair_set
-from mipbake.quality.reference.estimate import bilinear, reference
-from mipbake.shading import shade
 from mipbake.stack.presets import PRESETS
 
 from . import packed_sets
@@ -76,32 +72,6 @@ def test_neural_refuses_what_it_was_not_trained_for(monkeypatch: pytest.MonkeyPa
 def test_unknown_method_lists_the_known_ones() -> None:
     with pytest.raises(UsageError, match=r"'toksvig2'.*auto, neural, refine, optimum, lean, .*, linear"):
         method_named("toksvig2")
-
-
-def test_a_supersampled_renderer_takes_the_stack_with_a_bias() -> None:
-    """4 x 4 samples of a pixel at lod 3, looked up two levels finer: nearer to the reference than one lookup, and than
-    as many samples without a bias, which blur twice."""
-    rng, size, pixels, lod = np.random.default_rng(2), 64, 256, 3
-    stored = bumpy(size, size)
-    levels = METHODS["neural"](stored, "gltf", "gltf", "gaussian", WRAP, lambda _: None).levels
-    pairs, uv = pair_set("near-mirror", 0, 24), rng.random((pixels, 2))
-    wanted = reference(FilteredSource(stored, "gltf", WRAP, "gaussian"), uv, lod, pairs, 512, rng).astype(float)
-
-    def radiance(offsets: np.ndarray, level: int) -> np.ndarray:
-        shades = [
-            shade("gltf", bilinear(levels[level], uv + 2**lod / size * offset, WRAP), pairs.light, pairs.view)
-            for offset in offsets
-        ]
-        return np.mean(shades, 0, dtype=np.float64)
-
-    strata = (np.indices((4, 4)).reshape(2, -1).T + 0.5) / 4
-    offsets, _ = FILTERS["gaussian"].offsets(strata)
-    once, biased, plain = (
-        np.square(radiance(samples, level) - wanted).sum()
-        for samples, level in ((np.zeros((1, 2)), lod), (offsets, lod - 2), (offsets, lod))
-    )
-    assert biased < 0.7 * once
-    assert biased < 0.7 * plain
 
 
 def test_budgets_are_seconds_minutes_hours_or_best() -> None:

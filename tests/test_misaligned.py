@@ -14,8 +14,6 @@ from mipbake.base.aligned import aligned, contiguous
 from mipbake.sampling.adjoint import scatter_linear
 from mipbake.shading.adjoint import shade_adjoint
 
-Odd = Callable[[Any], Any]
-
 
 def odd(array: Any) -> Any:
     """The values of an array or a tensor, one byte past an aligned address."""

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -58,7 +56,7 @@ def signed(level: NDArray[np.float32], model: str) -> NDArray[np.float32]:
 
 def untrained(model: str = "gltf", **changes: object) -> LatentNetwork:
     torch.manual_seed(1)
-    network = LatentConfig((model,), (model,), **changes).build()  # type: ignore[arg-type]
+    network = LatentConfig((model,), (model,), **changes).build()
     network.fit(lambda source: material_of(source, 16, 16, 9)[None])
     return network.requires_grad_(False)
 
@@ -83,7 +81,9 @@ def test_parameters_round_trip(model: str) -> None:
 @pytest.mark.parametrize("model", MODEL_NAMES)
 def test_any_parameters_give_valid_materials(model: str) -> None:
     generator = torch.Generator().manual_seed(0)
-    parameters = (8 * torch.randn(4096, PARAMETERS[model], generator=generator)).requires_grad_()
+    parameters = 8 * torch.randn(4096, PARAMETERS[model], generator=generator)
+    parameters[0] = 0  # a flat material, whose normal has no direction
+    parameters.requires_grad_()
     stored = to_stored(parameters, model)
     low, high = torch.tensor(MODELS[model].limits).T
     assert (stored >= low).all()
@@ -93,16 +93,7 @@ def test_any_parameters_give_valid_materials(model: str) -> None:
     assert (stored[:, :3] == 0).any()
     assert (stored[:, :3] == 1).any()
     stored.sum().backward()
-    assert parameters.grad is not None
     assert parameters.grad.isfinite().all()
-
-
-def test_flat_materials_have_finite_gradients() -> None:
-    for model, count in PARAMETERS.items():
-        parameters = torch.zeros(1, count, requires_grad=True)
-        to_stored(parameters, model).sum().backward()
-        assert parameters.grad is not None
-        assert parameters.grad.isfinite().all()
 
 
 def test_clamp_passes_gradients_that_point_back_inside() -> None:
@@ -111,7 +102,6 @@ def test_clamp_passes_gradients_that_point_back_inside() -> None:
     y = clamp(x, 0, 1)
     y.backward(grad)
     assert y.tolist() == [0, 0, 0.5, 1, 1]
-    assert x.grad is not None
     # A descent step moves against the gradient: below the range only a negative one leads back.
     assert x.grad.tolist() == [0, -1, 3, 1, 0]
 
@@ -190,7 +180,7 @@ def test_tiled_equals_untiled(model: str, wrap: tuple[str, str], size: tuple[int
 )  # fmt: skip
 def test_impossible_architectures(change: dict[str, object], word: str) -> None:
     with pytest.raises(UsageError, match=word):
-        LatentConfig(**change)  # type: ignore[arg-type]
+        LatentConfig(**change)
 
 
 @pytest.fixture
@@ -299,11 +289,6 @@ def test_damaged_descriptions_are_refused(released: registry.WeightsInfo, damage
     path.write_text(text[:40] if damage == "truncate" else text)
     with pytest.raises(InputError, match=r"tiny\.json"):
         registry.list_weights(released.folder)
-
-
-def test_listing_weights_imports_no_torch() -> None:
-    code = "import sys, mipbake.models; mipbake.models.list_weights(); sys.exit('torch' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
 def test_decoder_is_densely_connected() -> None:

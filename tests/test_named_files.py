@@ -40,9 +40,7 @@ OTHERS: dict[str, Callable[[Path], Path]] = {
 
 @pytest.mark.parametrize("option", ["--depfile", "--json-log"])
 @pytest.mark.parametrize("other", OTHERS)
-def test_files_of_others_are_not_written_over(
-    option: str, other: str, tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_files_of_others_are_not_written_over(option, other, tmp_path, capsys, monkeypatch):
     write_set(tmp_path / "lib/wood")
     file = OTHERS[other](tmp_path)
     if (option, other) == ("--depfile", "the other's"):

@@ -67,7 +67,7 @@ def test_torch_says_the_same(made: str, height: int, width: int, wrap: Wrap, pix
 @pytest.mark.long
 @pytest.mark.parametrize("info", MOMENTS, ids=lambda info: info.name)
 @pytest.mark.parametrize("pixel_filter", FILTERS)
-def test_released_weights_of_moments_bake_what_torch_bakes(info, pixel_filter: str) -> None:  # type: ignore[no-untyped-def]
+def test_released_weights_of_moments_bake_what_torch_bakes(info, pixel_filter: str) -> None:
     sampler = [*SAMPLERS.values(), Sampler(4, -1.0, 8)][list(FILTERS).index(pixel_filter) % 4]
     (read,), (made,) = info.network.encoders, info.network.decoders
     stored = of_model(read, 48, 40) if read != "gltf" else bumpy(48, 40)
@@ -171,7 +171,7 @@ def test_torch_says_the_same_of_every_model(read: str, made: str) -> None:
 
 
 @pytest.mark.parametrize("info", LATENT, ids=lambda info: info.name)
-def test_released_weights_bake_what_torch_bakes(info) -> None:  # type: ignore[no-untyped-def]
+def test_released_weights_bake_what_torch_bakes(info) -> None:
     baker, network = load_baker(info), load_network(info)
     assert isinstance(baker, LatentBaker)
     for read in info.network.encoders:

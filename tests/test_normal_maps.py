@@ -34,13 +34,7 @@ def decoded(pixels: np.ndarray) -> np.ndarray:
 
 
 @settings(max_examples=30, deadline=None)
-@given(
-    st.integers(24, 300),
-    st.integers(24, 300),
-    st.integers(0, 2**32 - 1),
-    st.floats(0.05, 1.5),
-    st.booleans(),
-)
+@given(st.integers(24, 300), st.integers(24, 300), st.integers(0, 2**32 - 1), st.floats(0.05, 1.5), st.booleans())
 def test_height_fields_tell_their_convention(height: int, width: int, seed: int, steep: float, directx: bool) -> None:
     field = height_field(height, width, seed, steep)
     convention, confidence = integrability(tiles(decoded(encoded(field, directx))))

@@ -26,9 +26,7 @@ PROJECT = 'library = "wood"\nout = "out"\n'
 
 
 @pytest.mark.parametrize(("option", "number"), [("--seed", MANY), ("--seed", f"-{MANY}"), ("--memory", MORE)])
-def test_numbers_beyond_all_measure(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str, number: str
-) -> None:
+def test_numbers_beyond_all_measure(tmp_path, capsys, option, number):
     folder = plain_set(tmp_path / "wood")
     given = ["validate", folder, tmp_path, option, number]
     code = main([str(each) for each in given])
@@ -87,9 +85,7 @@ def test_indices_of_documents(tmp_path: Path, capsys: pytest.CaptureFixture[str]
         ValueError("Maximum allowed size exceeded"),
     ],
 )
-def test_what_the_system_refuses(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, error: Exception
-) -> None:
+def test_what_the_system_refuses(tmp_path, capsys, monkeypatch, error):
     def breaks(*_arguments: object, **_options: object) -> None:
         raise error
 

@@ -73,7 +73,7 @@ def test_single_lights_alone_count_and_results_hang_on_the_seed_alone() -> None:
     """What people see, which other methods count, does not move the limit of single lights."""
 
     def levels(**options: object) -> list[np.ndarray]:
-        method = Optimum(effort=EFFORT, descent=TWO_ROUNDS, **options)  # type: ignore[arg-type]
+        method = Optimum(effort=EFFORT, descent=TWO_ROUNDS, **options)
         return method(bumpy(8, 8), "gltf", "gltf", "gaussian", WRAP, lambda _: None).levels
 
     usual = levels()

@@ -144,9 +144,7 @@ def test_a_dropped_set_is_baked_as_the_command_line_bakes_it(opened: Callable[..
     assert code == 0 and "UASTC" in said.upper(), json.loads(said)
 
 
-def test_packed_maps_alpha_and_green_down_are_as_on_the_command_line(
-    opened: Callable[..., Any], tmp_path: Path
-) -> None:
+def test_packed_maps_alpha_and_green_down_are_as_on_the_command_line(opened, tmp_path):
     rng = np.random.default_rng(3)
     colour = rng.integers(20, 235, (32, 32, 4)).astype(np.uint8)
     colour[..., 3] = np.where(rng.random((32, 32)) < 0.3, 0, 255)

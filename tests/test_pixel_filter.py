@@ -148,9 +148,7 @@ SIZES = st.integers(1, 40)
     wrap=st.tuples(*[st.sampled_from(["wrap", "clamp"])] * 2),
     width=st.sampled_from([1.0, 2.0]),
 )
-def test_any_sizes_and_channels_have_the_bits_of_the_plain_twin(
-    size: tuple[int, int], shrink: tuple[int, int], channels: int, name: str, wrap: pf.Wrap, width: float
-) -> None:
+def test_any_sizes_and_channels_have_the_bits_of_the_plain_twin(size, shrink, channels, name, wrap, width):
     image = np.random.default_rng(channels).standard_normal((*size, channels), np.float32)
     rows, columns = (
         pf.resample_weights(n, max(1, n >> by), name, mode, width)

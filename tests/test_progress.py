@@ -63,7 +63,7 @@ def test_json_is_not_printed_into_the_line(capsys: pytest.CaptureFixture[str]) -
         yield
         away.append(capsys.readouterr().out)
 
-    line.aside = aside  # type: ignore[method-assign]
+    line.aside = aside
     session.line = line
     session.results([])
     before, printed = away

@@ -138,9 +138,7 @@ def test_many_at_once_leave_one_whole_result(tmp_path: Path, monkeypatch: pytest
     assert names(tmp_path / "new") == ["set"] and (tmp_path / "new" / "set" / "text").read_text() in "0123"
 
 
-def test_another_process_takes_the_name_in_the_middle_of_a_swap(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_another_process_takes_the_name_in_the_middle_of_a_swap(tmp_path, monkeypatch):
     without_exchange(monkeypatch)
     publish_text(tmp_path / "set", "old")
     rename = Path.rename

@@ -16,7 +16,7 @@ from torch import Tensor
 from mipbake.base.errors import UsageError
 from mipbake.raster import DepthPeeler, RasterizeContext, rasterize, reference
 
-from .raster_scenes import cube, flat, grid, needs_cuda, projection, random_mesh, rotation, threads
+from .raster_scenes import cube, flat, grid, needs_cuda, projection, random_mesh, rotation
 
 SIDES = st.integers(1, 20)
 SEEDS = st.integers(0, 2**32 - 1)
@@ -218,21 +218,6 @@ with raster.DepthPeeler(ctx, pos, tri, (4, 4)) as peeler:
 assert "torch" not in sys.modules
 """
     subprocess.run([sys.executable, "-c", script], check=True)
-
-
-def test_threads_and_contexts_change_nothing() -> None:
-    pos, tri = random_mesh(8, 3, 300, 200)
-    context = RasterizeContext()
-    results = []
-    for count in (1, 2, 5):
-        with threads(count):
-            for ctx in (None, context, context):
-                p = pos.clone().requires_grad_()
-                rast, db = rasterize(ctx, p, tri, (70, 90))
-                (rast.square().sum() + db.sum()).backward()
-                results.append((rast.detach(), db.detach(), p.grad))
-    for other in results[1:]:
-        assert all(torch.equal(a, b) for a, b in zip(other, results[0], strict=True))
 
 
 def test_concurrent_calls_with_one_context() -> None:

@@ -41,9 +41,7 @@ def test_files_of_records_are_known(module: Callable[[str], ModuleType]) -> None
     assert {path.stem for path in record.FOLDER.glob("*.json")} <= set(known)
 
 
-def test_a_page_says_which_release_it_is_of_and_whether_goldens_differ(
-    module: Callable[[str], ModuleType], tmp_path: Path
-) -> None:
+def test_a_page_says_which_release_it_is_of_and_whether_goldens_differ(module, tmp_path):
     record, making = module("records.record"), module("records.making")
     golden = {"stacks": "a", "trainings": "b", "films": "c"}
     for name, on, goldens in (("one", "2026-01-01", golden), ("two", "2026-02-01", golden), ("time", "2026-01-03", {})):

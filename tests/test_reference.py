@@ -54,7 +54,6 @@ class Case:
         lit = self.lighting
         if isinstance(lit, GroupPairs):
             return shading.shade(model, texels, lit.light[group], lit.view[group])
-        assert isinstance(lit, PixelPairs)
         return shading.shade(model, texels, lit.light[:, pixel], lit.view[:, pixel])
 
 
@@ -122,7 +121,7 @@ def test_the_expectation_is_the_integral_to_four_digits(pixel_filter: str) -> No
     """The mean over all shifts of a pixel's sequence, of two samples. On this grid it is within 2e-5 at most."""
     side, uv, pairs, lod = 768, np.array([[0.31, 0.62]]), pairs_of(2, 2), 2.0
     exact = integral(Case(Pixels(uv, lod), common_pairs(pairs)), pixel_filter, 512)[0, :, 0]
-    rng: np.random.Generator = Stratified(side)  # type: ignore[assignment]
+    rng: np.random.Generator = Stratified(side)
     found = reference(source(pixel_filter), np.broadcast_to(uv, (side**2, 2)), lod, pairs, 2, rng)
     assert np.abs(found.mean(1, dtype=np.float64) - exact).max() < 1e-4 * exact.mean()
 
@@ -163,7 +162,7 @@ def test_a_constant_material_has_no_noise(pixel_filter: str, name: str) -> None:
 @pytest.mark.parametrize("pixel_filter", ["gaussian", *SIGNED])
 def test_what_is_worked_on_at_a_time_changes_nothing(pixel_filter: str) -> None:
     """More radiance than fits at a time, of groups, of pixels and of samples, against one pixel of one group alone."""
-    rng: np.random.Generator = Fixed()  # type: ignore[assignment]
+    rng: np.random.Generator = Fixed()
     what, uv = source(pixel_filter), np.random.default_rng(0).random((3, 700, 2))
     for pairs, samples in ((40, 8), (4, 20_000)):
         lit = pairs_of(3 * pairs, 5)
@@ -177,7 +176,7 @@ def test_what_is_worked_on_at_a_time_changes_nothing(pixel_filter: str) -> None:
 
 
 def test_groups_that_share_pixels_continue_each_others_sequence() -> None:
-    rng: np.random.Generator = Fixed()  # type: ignore[assignment]
+    rng: np.random.Generator = Fixed()
     pairs, uv = pairs_of(4, 3), np.random.default_rng(1).random((5, 2))
     three = GroupPairs(*(np.stack([each] * 3) for each in (pairs.light, pairs.view)))
     apart = estimate(source("gaussian"), Pixels(uv, 1.0), three, 8, rng)

@@ -49,9 +49,7 @@ def files(folder: Path) -> list[Path]:
     return sorted(folder.iterdir()) if folder.exists() else []
 
 
-def test_a_cached_render_equals_an_uncached_one_and_a_continued_one_that_at_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_cached_render_equals_an_uncached_one_and_a_continued_one_that_at_once(tmp_path, monkeypatch):
     folder = tmp_path / "not" / "there"
     short, at_once = render(None, 32), render(None, 128)
     for passes, expected in ((32, short), (32, short), (128, at_once), (32, at_once)):  # passes that are there count

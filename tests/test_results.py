@@ -96,14 +96,14 @@ def run(
     measured: list[str] = []
 
     def kind(asked: object) -> list[object]:
-        wanted = methods.specs(asked.methods, "gltf", DEFAULT_FILTER)  # type: ignore[attr-defined]
+        wanted = methods.specs(asked.methods, "gltf", DEFAULT_FILTER)
         return [measure.Plan(name, bumpy, wanted) for name in ("a", "b")]
 
     def fake(plan: object, effort: object) -> dict[str, object]:
-        measured.append(plan.name)  # type: ignore[attr-defined]
-        if plan.name == "a" and (tmp_path / "fail").exists():  # type: ignore[attr-defined]
+        measured.append(plan.name)
+        if plan.name == "a" and (tmp_path / "fail").exists():
             raise RuntimeError("no luck")
-        return {"name": plan.name}  # type: ignore[attr-defined]
+        return {"name": plan.name}
 
     def call(*arguments: str) -> tuple[int, list[str]]:
         measured.clear()
@@ -126,9 +126,7 @@ def test_a_run_goes_on_where_it_stopped(run: Callable[..., tuple[int, list[str]]
     assert key["effort"]["points"] == 7 and [spec["method"] for spec in key["methods"]] == ["lean", "lean"]
 
 
-def test_a_set_that_fails_leaves_the_others(
-    run: Callable[..., tuple[int, list[str]]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_set_that_fails_leaves_the_others(run, tmp_path, capsys):
     (tmp_path / "fail").touch()
     assert run("--methods", "linear") == (1, ["a", "b"])
     assert "one a: no luck" in capsys.readouterr().err

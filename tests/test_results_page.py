@@ -9,8 +9,6 @@ import pytest
 
 from .result_records import file, maker, row, write
 
-ROOT = Path(__file__).resolve().parent.parent
-
 WHOLE = {"neural": 14.0, "auto": 16.0, "lean (box)": 9.0, "lean (gaussian)": 12.0, "linear (box)": 8.0,
          "linear (gaussian)": 10.0, "godot (box)": 11.0, "vmf (gaussian)": 7.0}  # fmt: skip
 

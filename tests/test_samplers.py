@@ -138,8 +138,7 @@ def test_what_no_sampler_is_called_is_refused(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong",
-    [{"lookups": 3}, {"lookups": True}, {"frames": 2}, {"bias": math.nan}, {"bias": 5}, {"bias": "1"}],
+    "wrong", [{"lookups": 3}, {"lookups": True}, {"frames": 2}, {"bias": math.nan}, {"bias": 5}, {"bias": "1"}]
 )
 def test_a_sampler_that_no_engine_has_is_refused(wrong: dict[str, Any]) -> None:
     (name,) = wrong

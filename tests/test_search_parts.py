@@ -31,7 +31,6 @@ from mipbake.quality.reference.problem import Problem, Region, whole
 from mipbake.quality.small_pictures import PIXELS
 from mipbake.sampling.adjoint import scatter_linear
 from mipbake.shading import shade
-from mipbake.shading import shade as shade_op
 from mipbake.shading.adjoint import shade_adjoint
 
 from .search_cases import EFFORT, SEEN_ALONE, SMALL, WEIGHTS, WRAP, bumpy, material_of_two
@@ -156,10 +155,6 @@ def test_shares_are_fitted_to_what_is_seen(sampler: Sampler) -> None:
     for share in (0, 2):  # colour and roughness; the others change nothing
         for turn in (0.1, -0.1):
             assert worth(found + turn * np.eye(4)[share]) > worth(found) - 4e-3
-
-
-"""Weights of which nothing counts but what is seen."""
-"""Weights that look at single lights, and at nothing that is seen: SNR is not paid for looks then."""
 
 
 @pytest.mark.usefixtures("to_the_end")
@@ -302,6 +297,5 @@ def test_the_adjoint_of_shading_is_the_gradient_of_the_op(model: str) -> None:
     light, view = ((d / np.linalg.norm(d, axis=-1, keepdims=True)).astype(np.float32) for d in (light, view))
     weight = rng.normal(size=(2, 5, 8, 3)).astype(np.float32)
     leaf = torch.from_numpy(texels).requires_grad_()
-    (shade_op(model, leaf, torch.from_numpy(light), torch.from_numpy(view)) * torch.from_numpy(weight)).sum().backward()
-    assert leaf.grad is not None
+    (shade(model, leaf, torch.from_numpy(light), torch.from_numpy(view)) * torch.from_numpy(weight)).sum().backward()
     assert np.array_equal(shade_adjoint(model, texels, light, view, weight), leaf.grad.numpy())

@@ -96,9 +96,7 @@ def test_directions_of_each_texel_have_the_gradients_of_one_texel_at_a_time(mode
 @pytest.mark.parametrize("each_texel", [False, True])
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize(("dtype", "tolerance"), [(torch.float64, 1e-11), (torch.float32, 1e-3)])
-def test_lights_and_views_have_the_gradients_of_the_twin(
-    model: str, dtype: torch.dtype, tolerance: float, each_texel: bool, rule: TurnedAway
-) -> None:
+def test_lights_and_views_have_the_gradients_of_the_twin(model, dtype, tolerance, each_texel, rule):
     rng = np.random.default_rng(8)
     stored = torch.from_numpy(material(rng, model, 2, 35).astype(np.float32))
     light, view = (torch.from_numpy(a).to(dtype) for a in pairs(rng, 2, 7, *([35] if each_texel else [])))
@@ -117,21 +115,6 @@ def test_lights_and_views_have_the_gradients_of_the_twin(
         scale = expected.norm(dim=-1, keepdim=True) + expected.norm(dim=-1).mean()
         error = (got - expected).abs() / scale
         assert expected.any() and error.max() < tolerance and error.flatten().quantile(0.99) < tolerance / 10
-
-
-def test_a_lamp_is_found_by_its_shading() -> None:
-    stored, *_ = tensors("gltf", 1, 1, 64, torch.float64, smooth=True)
-    stored = stored.detach()
-    light, view = (torch.tensor([[d]], dtype=torch.float64) for d in ([0.48, 0.36, 0.8], [-0.36, 0.48, 0.8]))
-    truth = shade("gltf", stored, light, view)
-    guess = torch.tensor([[[0.0, 0.0, 1.0]]], dtype=torch.float64, requires_grad=True)
-    optimiser = torch.optim.Adam([guess], 0.02)
-    for _ in range(300):
-        off = shade("gltf", stored, torch.nn.functional.normalize(guess, dim=-1), view) - truth
-        optimiser.zero_grad()
-        (off.square() / (truth.square() + 0.01)).mean().backward()
-        optimiser.step()
-    assert torch.cosine_similarity(guess.detach(), light, dim=-1).min() > 0.9999
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -206,10 +189,7 @@ def test_the_gpu_agrees_with_the_twin(model: str) -> None:
     weights = torch.randn(3, 150, 77, 3, generator=torch.Generator().manual_seed(1))
     exact = [a.detach().double().requires_grad_(a.requires_grad) for a in arguments]
     torch.testing.assert_close(
-        shade(model, *on_gpu).detach().cpu().double(),
-        reference.shade(model, *exact).detach(),
-        rtol=1e-5,
-        atol=0,
+        shade(model, *on_gpu).detach().cpu().double(), reference.shade(model, *exact).detach(), rtol=1e-5, atol=0
     )
     cpu = gradient(shade, model, arguments, weights)
     gpu = gradient(shade, model, on_gpu, weights.cuda()).cpu()

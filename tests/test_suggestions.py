@@ -27,9 +27,7 @@ def archived(path: Path, *names: str) -> Path:
     return path
 
 
-def test_a_folder_of_folders(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_folder_of_folders(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     library = Path("my library")
     for place in ("metals/copper", "metals/worn/copper", "other"):

@@ -47,7 +47,7 @@ def test_the_stack_does_not_follow_the_texture() -> None:
     assert texture(tex, uv, mip_level_bias=bias, mip=mip).item() == 0
     assert texture(tex, uv, mip_level_bias=bias).item() == 1
     with pytest.raises(AttributeError):
-        mip.levels = ()  # type: ignore[misc]
+        mip.levels = ()
 
 
 def level_of(uv_da: Any, size: tuple[int, int] = (32, 64), bias: float | None = None, mode: str = MODES[1]) -> float:

@@ -133,12 +133,10 @@ def test_undefined_lookups_leave_gradients_alone(size: int, boundary: str) -> No
         assert torch.equal(out[0, 0].isnan().all(-1), bad) and torch.equal(out[0, 0].isnan().any(-1), bad)
         out.backward(torch.ones_like(out))
         for leaf in leaves:
-            assert leaf.grad is not None
             assert torch.all(leaf.grad[0, 0, bad] == 0) and torch.all(leaf.grad.isfinite())
         again = tex.detach().clone().requires_grad_()
         defined = [t[:, :, ~bad] for t in (uv, uv_da, bias)]
         texture(again, *defined, filter_mode=filter_mode, boundary_mode=boundary).sum().backward()
-        assert again.grad is not None
         torch.testing.assert_close(tex.grad, again.grad, rtol=1e-10, atol=1e-12)
 
 

@@ -44,9 +44,7 @@ def test_a_complete_set_is_decoded(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("suffix", "depth", "is_srgb"),
-    [
-        *(("tga", "uint8", True), ("png", "uint16", True), ("tif", "float", False), ("exr", "half", False)),
-    ],
+    [*(("tga", "uint8", True), ("png", "uint16", True), ("tif", "float", False), ("exr", "half", False))],
 )
 def test_every_stored_type_means_the_same_values(suffix: str, depth: str, is_srgb: bool, tmp_path: Path) -> None:
     values = np.random.default_rng(0).uniform(0.05, 0.95, (16, 16, 3))
@@ -226,9 +224,7 @@ def test_smaller_maps_are_resampled_to_the_largest(tmp_path: Path) -> None:
 
 @settings(max_examples=40, deadline=None)
 @given(st.integers(1, 9), st.integers(1, 9), st.integers(1, 4), st.booleans(), st.booleans(), st.data())
-def test_resampling_is_bilinear_between_texel_centres(
-    rows: int, columns: int, factor: int, wrap_u: bool, wrap_v: bool, data: st.DataObject
-) -> None:
+def test_resampling_is_bilinear_between_texel_centres(rows, columns, factor, wrap_u, wrap_v, data):
     width, height = columns * factor, rows * factor
     rng = np.random.default_rng(data.draw(st.integers(0, 1000)))
     pixels = rng.random((rows, columns, 2)).astype(np.float32)

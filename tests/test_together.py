@@ -93,9 +93,7 @@ def test_mixtures_are_sums_of_whole_levels() -> None:
 @pytest.mark.parametrize("most", [0.0, 2.0], ids=["all texels", "texels that lookups read"])
 @pytest.mark.parametrize("sampler", ["trilinear", "anisotropic"])
 @pytest.mark.usefixtures("few_rows")
-def test_lookups_of_few_texels_have_the_bits_of_lookups_of_levels(
-    monkeypatch: pytest.MonkeyPatch, most: float, sampler: str
-) -> None:
+def test_lookups_of_few_texels_have_the_bits_of_lookups_of_levels(monkeypatch, most, sampler):
     monkeypatch.setattr(touched, "MOST", most)
     problem = Problem(gltf_level((64, 96), 3), "gltf", "gltf", "gaussian", ("wrap", "clamp"), SAMPLERS[sampler])
     whole = Whole(problem.stored, "gltf")

@@ -19,14 +19,7 @@ from mipbake.quality.reference.estimate import reference
 from mipbake.shading import shade
 from mipbake.training import augmentation, data, loss
 from mipbake.training.batches import draw_batch
-from mipbake.training.config import (
-    AUGMENTED,
-    OptimiserConfig,
-    TrainingConfig,
-    config_from,
-    plain,
-    read_config,
-)
+from mipbake.training.config import AUGMENTED, OptimiserConfig, TrainingConfig, config_from, plain, read_config
 from mipbake.training.loss import SingleLightsLossConfig
 from mipbake.training.optimiser import FlatAdam
 from mipbake.training.procedural import procedural_set

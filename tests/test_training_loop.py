@@ -184,7 +184,6 @@ def test_released_cards_say_what_an_export_says(info: WeightsInfo) -> None:
     assert measured["sha256"] == info.sha256, "python docs/remake.py --measure cards measures the weights of today"
     parameters = sum(value.numel() for value in load_network(info).parameters())
     described = info.network.describe()
-    assert described is not None
     text = info.tensors.with_suffix(".md").read_text(encoding="utf-8")
     exported, _, _ = text.partition("\n## ")  # what was added later has headings
     assert exported == card(info, described, config, parameters, measured["figures"])

@@ -120,7 +120,6 @@ def test_training_on_pictures_moves_every_parameter_and_makes_them_right() -> No
     def error() -> float:
         found = []
         for batch in held:
-            assert isinstance(batch, BalancedBatch)
             with torch.no_grad():
                 levels = state.network(batch.patches, batch.source, batch.pixel_filter, batch.sampler)["gltf"]
                 found += [float((each.errors(levels, "gltf") / (each.plain + 0.05)).mean()) for each in batch.pictures]

@@ -122,9 +122,7 @@ def cut_up(arrays: Mapping[str, Any], rows: int, columns: int) -> dict[int, Text
     height, width = (n // m for n, m in zip(arrays["normal"].shape[:2], (rows, columns), strict=True))
     return {
         1001 + column + 10 * v: texture_set(
-            arrays,
-            slice((rows - 1 - v) * height, (rows - v) * height),
-            slice(column * width, (column + 1) * width),
+            arrays, slice((rows - 1 - v) * height, (rows - v) * height), slice(column * width, (column + 1) * width)
         )
         for v in range(rows)
         for column in range(columns)
@@ -314,7 +312,6 @@ def test_tiles_do_not_hide_what_a_map_is(tmp_path: Path, name: str, tile: str) -
     write_image(tmp_path / name.format(tile), pixels_for("roughness"))
     loaded = mipbake.load(tmp_path, maps={"normal": None})
     path = loaded.maps["roughness"].source.path
-    assert path is not None
     assert path.name == name.format(tile)
 
 

@@ -70,9 +70,7 @@ def locked(tmp_path: Path, bound_by_permissions: None) -> Iterator[Callable[[Pat
 @pytest.mark.parametrize(
     ("command", "what"), [*((each, "parent") for each in COMMANDS), ("bake", "folder"), ("bake", "entered")]
 )
-def test_what_permissions_hide_is_unusable_input(
-    folder: Path, tmp_path: Path, capsys: Capture, locked: Callable[[Path, int], Path], command: str, what: str
-) -> None:
+def test_what_permissions_hide_is_unusable_input(folder, tmp_path, capsys, locked, command, what):
     parent = tmp_path / "parent"
     parent.mkdir()
     source = Path(shutil.copytree(folder, parent / "metal"))
@@ -87,9 +85,7 @@ def test_what_permissions_hide_is_unusable_input(
     assert not (tmp_path / "out").exists()
 
 
-def test_a_map_below_a_locked_folder_is_unusable_input(
-    folder: Path, tmp_path: Path, capsys: Capture, locked: Callable[[Path, int], Path]
-) -> None:
+def test_a_map_below_a_locked_folder_is_unusable_input(folder, tmp_path, capsys, locked):
     (tmp_path / "p").mkdir()
     locked(tmp_path / "p", 0)
     for source in ("x.glb", "x.mtlx", "x.png", "x_<UDIM>.png"):
@@ -102,9 +98,7 @@ def test_a_map_below_a_locked_folder_is_unusable_input(
     assert "Permission denied" in fails(capsys, 3, *light)
 
 
-def test_a_glob_says_what_it_may_not_see(
-    folder: Path, tmp_path: Path, capsys: Capture, locked: Callable[[Path, int], Path]
-) -> None:
+def test_a_glob_says_what_it_may_not_see(folder, tmp_path, capsys, locked):
     locked(folder, 0o444)
     assert "Permission denied" in fails(capsys, 3, *COMMANDS["bake"](tmp_path / "met*", tmp_path / "out"))
     locked(folder, 0)
@@ -114,14 +108,7 @@ def test_a_glob_says_what_it_may_not_see(
 @pytest.mark.long
 @pytest.mark.parametrize("mode", [0, 0o444])
 @pytest.mark.parametrize("pattern", ["**/*.png", "*/roughness.png", "lock*/**"])
-def test_a_glob_names_the_inner_folder_that_it_may_not_see(
-    tmp_path: Path,
-    capsys: Capture,
-    monkeypatch: pytest.MonkeyPatch,
-    locked: Callable[[Path, int], Path],
-    pattern: str,
-    mode: int,
-) -> None:
+def test_a_glob_names_the_inner_folder_that_it_may_not_see(tmp_path, capsys, monkeypatch, locked, pattern, mode):
     """Whatever else it finds is read."""
     inner = write_set(tmp_path / "lib" / "locked")
     locked(inner, mode)

@@ -9,11 +9,7 @@ import mipbake
 from mipbake import TextureSet
 from mipbake.base.errors import UsageError
 from mipbake.comparing.validate import BAKED
-from mipbake.material.filtered_source import FilteredSource
-from mipbake.quality.metrics import pair_set, snr_db
-from mipbake.quality.reference.estimate import reference
 from mipbake.quality.reference.pair_sets import weighted_pair_set
-from mipbake.quality.reference.sequences import random_points
 
 
 def flat(height: int, width: int, base: np.ndarray | float = 0.5, roughness: float = 0.4) -> TextureSet:
@@ -65,31 +61,6 @@ def test_a_checker_of_two_texels_matches_the_computation_on_paper() -> None:
         expected = 10 * np.log10(signal / (pairs.weights @ (diffuse**2 / 80)))
         assert result.snr(BAKED, name, 0.0) == pytest.approx(expected, abs=0.05)
         assert result.snr(BAKED, name, 1.0) > 55
-
-
-@pytest.mark.parametrize("pixel_filter", ["gaussian", "box", "mitchell"])
-def test_the_reference_is_the_filter_integral_by_quadrature(pixel_filter: str) -> None:
-    """Against a dense grid over the filter's support at a few pixels, and unbiased: the mean of estimates converges."""
-    from mipbake import sampling, shading
-    from mipbake.material.pixel_filter import FILTERS
-
-    texture_set = bumpy(16)
-    stored = texture_set.material("gltf")
-    pairs = pair_set("near-mirror", 1, 8)
-    rng = np.random.default_rng(0)
-    uv, lod = random_points(rng, 6), 1.0
-    kernel = FILTERS[pixel_filter]
-    grid = (np.arange(400) + 0.5) / 400 * 2 * kernel.radius - kernel.radius
-    weight = np.outer(kernel.shape(grid), kernel.shape(grid))
-    offset = np.stack(np.meshgrid(grid, grid, indexing="ij"), -1) * 2**lod / 16
-    expected = []
-    for centre in uv:
-        texels = sampling.texture(stored[None], (centre + offset)[None])[0].reshape(-1, stored.shape[-1])
-        radiance = shading.shade("gltf", texels, pairs.light, pairs.view)
-        expected.append(np.einsum("knc,n->kc", radiance, weight.ravel() / weight.sum()))
-    measured = reference(FilteredSource(stored, "gltf", ("wrap", "wrap"), pixel_filter), uv, lod, pairs, 1 << 14, rng)
-    exact = np.stack(expected, 1)
-    assert snr_db(measured, exact, exact) > 45
 
 
 def test_levels_beyond_the_last_are_measured_there_and_said_and_so_are_foreign_stacks() -> None:

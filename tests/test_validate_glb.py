@@ -11,7 +11,6 @@ import pytest
 import mipbake
 from mipbake.cli.main import main
 from mipbake.source.intake import jobs
-from mipbake.source.jobs import Job
 from mipbake.source.options import LoadOptions
 from mipbake.source.texture_set import TextureSet
 from mipbake.stack.gltf.glb import multiple_of_side
@@ -33,7 +32,6 @@ def held_by(source: Path, glb: Path, scratch: Path) -> dict[str, tuple[TextureSe
     scratch.mkdir()
     found = {}
     for job in jobs([str(source)], LoadOptions(), scratch):
-        assert isinstance(job, Job)
         (read,) = job.read(multiple_of_side)
         texture_set = read.texture_set
         found[texture_set.name] = texture_set, stack_in_glb(glb, job, texture_set)
@@ -63,9 +61,7 @@ def test_textures_are_read_as_they_were_baked(many: Path) -> None:
             assert (difference < 0.2).all(), (name, level.shape, difference)
 
 
-def test_every_material_is_measured_and_other_files_are_refused(
-    many: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_every_material_is_measured_and_other_files_are_refused(many, tmp_path, capsys):
     source, glb = many / "many.glb", many / "out" / "many.glb"
     capsys.readouterr()
     assert main(["validate", str(source), str(glb), "--json"]) == 0

@@ -20,11 +20,7 @@ def effects(near: Effect, middle: Effect, far: Effect) -> dict[Distance, Effect]
     [
         ((1, 1, 1), "gains", "Calmer and truer to the source at every distance."),
         ((0, 1, 1), "gains", "Calmer and truer to the source from middle distance on; no visible gain near."),
-        (
-            (0, 0, 1),
-            "gains",
-            "Calmer and truer to the source far away; no visible gain near or at middle distance.",
-        ),
+        ((0, 0, 1), "gains", "Calmer and truer to the source far away; no visible gain near or at middle distance."),
         ((0, 0, 0), "same", "No visible gain at any distance."),
         ((-1, 0, 1), "mixed", "Calmer and truer to the source far away; no visible gain at middle distance; worse"),
         ((0, -1, -1), "loses", "No visible gain near; worse than plain MIP maps from middle distance on."),
@@ -80,12 +76,7 @@ INVISIBLE, MAGNIFIED = (0.032, 0.95, 12.0), (0.1, 1.3, 0.5)
         (MAGNIFIED, SAME, CALMER, (0, 0, 1)),  # texels larger than pixels, which films do not show
     ],
 )
-def test_single_lights_and_small_pictures_say_how_every_distance_looks(
-    near: tuple[float, float, float],
-    middle: tuple[float, float, float],
-    far: tuple[float, float, float],
-    expected: tuple[Effect, Effect, Effect],
-) -> None:
+def test_single_lights_and_small_pictures_say_how_every_distance_looks(near, middle, far, expected):
     found = verdict(measured(near, middle, middle, far, far, far, WORSE, WORSE))
     assert found == in_words(effects(*expected))  # the coarsest levels are seen near the horizon alone
 

@@ -99,7 +99,7 @@ def test_films_by_scene_and_beside_linear(block: Block) -> None:
     assert row(text, "auto: accumulated, bias -1").startswith("| auto: accumulated, bias -1 | 6 | +0.60 |")
     # 0.1 behind the best closed form is near it, and more is not.
     for jod, near in ((9.2, "100%"), (9.19, "0%")):
-        data = films(lambda method, _, jod=jod: {"jod-37": jod} if method == "auto" else {})  # type: ignore[misc]
+        data = films(lambda method, _, jod=jod: {"jod-37": jod} if method == "auto" else {})
         assert row(block("films/beside-linear", data), "auto: all").endswith(f" {near} |")
 
 

@@ -143,12 +143,7 @@ CASES: Mapping[str, tuple[Maps, Mapping[str, Any], Mapping[str, Any], Mapping[st
         {"pixel_filter": "box"},
     ),
     "anisotropic": (material(64, 64, "anisotropy"), {}, {}, {}),
-    "anisotropic of round": (
-        material(40, 56),
-        {"target": "gltf-anisotropic"},
-        {},
-        {"target": "gltf-anisotropic"},
-    ),
+    "anisotropic of round": (material(40, 56), {"target": "gltf-anisotropic"}, {}, {"target": "gltf-anisotropic"}),
     "round of anisotropic": (material(32, 32, "anisotropy"), {"target": "gltf"}, {}, {"target": "gltf"}),
     "alpha": (material(64, 48, "alpha"), {"alphaCutoff": 0.5}, {"alpha_cutoff": 0.5}, {}),
 }
@@ -348,9 +343,7 @@ def test_engines_load_what_the_command_writes(tmp_path: Path, monkeypatch: pytes
         (["draco.glb", "out.glb"], "geometry that is compressed (KHR_draco_mesh_compression)"),
     ],
 )
-def test_errors_are_one_sentence_and_nothing_is_written(
-    arguments: list[str], says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_errors_are_one_sentence_and_nothing_is_written(arguments, says, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     plain_glb(tmp_path).rename("in.glb")
     Path("notes.glb").write_text("nothing but words")
