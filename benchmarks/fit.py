@@ -34,7 +34,6 @@ from mipbake.fitting.named import RendererChoice
 from mipbake.fitting.parameters import Parameters
 from mipbake.fitting.process import ProcessRenderer as Renderer
 from mipbake.fitting.references import Supersampled
-from mipbake.fitting.renderer import new_stamps
 from mipbake.fitting.views import scale_of
 from mipbake.material.pixel_filter import filter_named, level_sizes
 from mipbake.quality.metrics import displayed, snr_sums
@@ -99,7 +98,7 @@ def levels_of(stored: Sequence[Image3], model: str, wrap: tuple[str, str]) -> Le
     """Stored channels of levels, as a renderer gets them."""
     height, width = stored[0].shape[:2]
     parameters = Parameters.of(model, height, width, len(stored))
-    return parameters.levels(parameters.values(list(stored)), wrap, new_stamps(parameters.sizes))
+    return parameters.levels(parameters.values(list(stored)), wrap)
 
 
 def reference(renderer: Renderer, source: Levels, view: View, lod: float, effort: Effort, seed: int) -> Image3:

@@ -12,7 +12,6 @@ from mipbake import MipStack, TextureSet
 from mipbake.fitting import Frame, Levels, fit
 from mipbake.fitting.parameters import Parameters
 from mipbake.fitting.references import Supersampled
-from mipbake.fitting.renderer import new_stamps
 from mipbake.material.pixel_filter import filter_named
 
 from .independent_scenes import bilinear
@@ -106,12 +105,12 @@ def same(first: MipStack, second: MipStack) -> bool:
 
 def levels_of(stack: MipStack) -> Levels:
     parameters = Parameters.of(stack.model, *stack.size, len(stack.levels))
-    return parameters.levels(parameters.values(list(stack.levels)), stack.wrap, new_stamps(parameters.sizes))
+    return parameters.levels(parameters.values(list(stack.levels)), stack.wrap)
 
 
 def source_levels(texture: TextureSet) -> Levels:
     parameters = Parameters.of("gltf", texture.height, texture.width, 1)
-    return parameters.levels(parameters.values([texture.material("gltf")]), texture.wrap, new_stamps(parameters.sizes))
+    return parameters.levels(parameters.values([texture.material("gltf")]), texture.wrap)
 
 
 def supersampled(renderer: Any, source: Levels, view: Any, passes: int, seed: int = 0, whole: bool = True) -> Any:

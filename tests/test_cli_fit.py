@@ -10,7 +10,7 @@ import pytest
 
 from mipbake import open_stack
 from mipbake.cli.main import main
-from mipbake.fitting.viewing import _EFFORTS, _Effort
+from mipbake.fitting.viewing import _EFFORTS
 
 from .command_line import fails, write_set
 
@@ -21,8 +21,8 @@ AVERAGED = ["--start", "linear"]
 @pytest.fixture(autouse=True)
 def few_renders(monkeypatch):
     """References of few renders, and no rounds of least squares: what commands say does not hang on them."""
-    monkeypatch.setattr("mipbake.fitting.shared.Rounds.run", lambda _rounds, _loop, values: (values, 0))
-    monkeypatch.setattr("mipbake.fitting.viewing._EFFORTS", dict.fromkeys(_EFFORTS, _Effort(4, 4, 1.0)))
+    monkeypatch.setattr("mipbake.fitting.shared.Rounds.run", lambda _rounds, values: (values, 0))
+    monkeypatch.setattr("mipbake.fitting.viewing._EFFORTS", dict.fromkeys(_EFFORTS, (4, 4, 1.0)))
 
 
 @pytest.fixture

@@ -20,7 +20,6 @@ from mipbake.fitting.kernels import TorchRenderer
 from mipbake.fitting.parameters import Parameters
 from mipbake.fitting.prepared import Prepared
 from mipbake.fitting.references import Supersampled
-from mipbake.fitting.renderer import new_stamps
 from mipbake.material import MODELS
 from mipbake.stack.stack import MipStack
 
@@ -295,7 +294,7 @@ def test_the_mean_of_many_estimates_is_the_exact_gradient() -> None:
     moved = np.clip(values + np.random.default_rng(0).uniform(-0.1, 0.1, values.shape).astype(np.float32), 0.05, 0.95)
 
     def shown(texels: np.ndarray) -> Frame:
-        return renderer.render(parameters.levels(texels, REPEATS, new_stamps(parameters.sizes)), view)
+        return renderer.render(parameters.levels(texels, REPEATS), view)
 
     frame, wanted = shown(values), np.asarray(shown(moved).image, np.float32)
     count, seen = wanted.shape[0] * wanted.shape[1], np.asarray(frame.id).reshape(-1).astype(np.uint8)

@@ -11,7 +11,6 @@ from mipbake.comparing.meshes.visible import Surface
 from mipbake.fitting import SCALES, View, standard_views
 from mipbake.fitting.kernels import TorchRenderer
 from mipbake.fitting.parameters import Parameters
-from mipbake.fitting.renderer import new_stamps
 from mipbake.material import MODELS
 from mipbake.material.pixel_filter import level_sizes
 
@@ -38,7 +37,7 @@ def test_values_are_what_files_hold_and_lead_back(model: str) -> None:
         assert np.abs(first - second).max() < 2e-6
     colours = MODELS[model].maps[MODELS[model].stored[0].name]
     assert np.allclose(unit[0][..., colours], levels[0][..., colours], atol=2e-6)
-    seen = parameters.levels(values, REPEATS, new_stamps(parameters.sizes))
+    seen = parameters.levels(values, REPEATS)
     assert seen.sizes == list(parameters.sizes) and all(np.shares_memory(m[0], values) for m in seen.maps.values())
 
 
@@ -75,7 +74,7 @@ def test_views_have_the_level_of_detail_that_they_are_named_after(size: tuple[in
 def test_views_show_the_maps(wrap: tuple[str, str]) -> None:
     stack, renderer = stack_of(material("gltf", 32, 32), "gltf"), TorchRenderer()
     parameters = Parameters.of("gltf", 32, 32, len(stack.levels))
-    levels = parameters.levels(parameters.values(list(stack.levels)), wrap, new_stamps(parameters.sizes))
+    levels = parameters.levels(parameters.values(list(stack.levels)), wrap)
     for view in standard_views((32, 32), wrap, each=2, lods=(0, 1, 2)):
         frame = renderer.render(levels, view)
         seen = np.asarray(frame.id) > 0

@@ -54,9 +54,6 @@ def test_neighbours_are_one_rectangle() -> None:
     assert rectangles(apart, size) == [(0, 64, 64, 64), (128, 64, 64, 64)]
 
 
-# ---- numbers of tiles
-
-
 # ---- in fits
 
 
@@ -116,13 +113,13 @@ def test_a_renderer_that_follows_the_stamps_has_all_texels(
     more: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     restored: list[int] = []
-    touch_all = Stamps.touch_all
+    tiles = Stamps.level
 
-    def noted(stamps: Stamps, level: int | None = None) -> None:
-        restored.extend([] if level is None else [level])
-        touch_all(stamps, level)
+    def noted(stamps: Stamps, level: int) -> slice:
+        restored.append(level)
+        return tiles(stamps, level)
 
-    monkeypatch.setattr(Stamps, "touch_all", noted)
+    monkeypatch.setattr(Stamps, "level", noted)
     renderer = Keeper()
     kept(renderer, **more)
     assert len(renderer.counts) > 480
@@ -145,6 +142,3 @@ def test_stamps_of_other_tiles_stay() -> None:
     assert all(count <= 8 for count in steps[2::2])
     total = sum(int(np.prod(tiles_along(size))) for size in level_sizes(LARGE, LARGE))
     assert steps[0] == total > 8
-
-
-# ---- levels by hand

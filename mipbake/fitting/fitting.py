@@ -16,22 +16,24 @@ from numpy.typing import NDArray
 
 from mipbake.base.checkpoints import alone_with
 from mipbake.base.errors import UsageError
-from mipbake.fitting.frames import Looked
+from mipbake.fitting.frames import named
 from mipbake.fitting.loop import FitSettings, Loop, Progress
 from mipbake.fitting.parameters import Parameters
-from mipbake.fitting.prepared import Prepared, scores
+from mipbake.fitting.prepared import scores, shown, started
 from mipbake.fitting.probing import probe
-from mipbake.fitting.references import Supersampled, given, named
-from mipbake.fitting.renderer import Array, Levels, Renderer, new_stamps
+from mipbake.fitting.program import Frame
+from mipbake.fitting.references import Supersampled, given
+from mipbake.fitting.renderer import Array, Levels, Renderer
 from mipbake.fitting.schedule import CLOSING, FIRST, GROWING, LAST, ROUNDS, STAGES, Clock, Timed
-from mipbake.fitting.shared import Rounds, SharedNumbers
-from mipbake.fitting.state import FitFile, FitState, kept_in, key_of
+from mipbake.fitting.shared import Rounds
+from mipbake.fitting.state import FitFile, FitState
 from mipbake.fitting.viewing import APART, CHOOSING, HELD_OUT, LEARNED, Reference, Views
 from mipbake.material.pixel_filter import PixelFilter, filter_named
 from mipbake.source.loading import PathLike, as_texture_set
 from mipbake.source.texture_set import TextureSet
 from mipbake.stack.saving import as_stack
 from mipbake.stack.stack import MipStack
+from mipbake.stochastic import Moments
 
 References: TypeAlias = "Sequence[Any] | Callable[[Any], Any]"
 """An image (H, W, 3) for each view, in order; or a function from a view to its image."""
@@ -124,50 +126,41 @@ def fit(
     clock = Clock(budget, working)
     stack = as_stack(stack)
     stacks = (stack, *others)
-    texture_set = None if source is None else as_texture_set(source)
+    original = None if source is None else _source_levels(as_texture_set(source))
     parameters = Parameters.of(stack.model, *stack.size, len(stack.levels))
     starts = _starts(stacks, parameters)
-    loop = Loop(Timed(renderer, clock), parameters, stack.wrap, settings)
-    count = sum(map(len, kinds.values()))
-    reference_of = _references(reference, texture_set, loop, filter_named(stack.provenance.pixel_filter), count)
-    prepared = Views(loop.renderer, loop.levels_of(starts[0]), parameters, kinds, reference_of, passes)
-    with nullcontext() if checkpoint is None else alone_with(Path(checkpoint)):
-        file = None
-        if checkpoint is not None:
-            of = starts, stack.model, [(kind, [named(view) for _, view in each]) for kind, each in kinds.items()]
-            file = FitFile(Path(checkpoint), key_of(*of, replace(settings, steps=None, budget=None, rounds=0)))
-        state = _resumed(file, prepared, clock)
-        if state is None:
-            state = _begun(loop, starts, prepared, clock)
-            if file is not None:
-                file.save(state)
+    path = None if checkpoint is None else Path(checkpoint)
+    names = [(kind, [named(view) for _, view in each]) for kind, each in kinds.items()]
+    file = FitFile.of(path, starts, stack.model, names, replace(settings, steps=None, budget=None, rounds=0))
 
-        def tell(now: FitState, moving: int, found: Mapping[str, float]) -> None:
-            kept = partial(_finished, stacks, starts, parameters, now.best)
-            progress(Progress(clock.share, now.step, now.seconds, moving, found, now.gains.tolist(), kept))
+    def tell(now: FitState, found: Mapping[str, float]) -> None:
+        moving, kept = int(np.count_nonzero(now.rates)), partial(_finished, stacks, starts, parameters, now.best)
+        progress(Progress(clock.share, now.step, now.seconds, moving, found, now.gains.tolist(), kept))
 
-        last = _stages(loop, state, prepared, starts, file, tell, clock)
-        checking, begun = prepared.of(HELD_OUT), parameters.joined(starts, state.origins)
-        still = [str(level) for level, there in enumerate(_shown(checking)) if not there]
+    loop = Loop(Timed(renderer, clock), parameters, stack.wrap, settings, clock, file, tell)
+    reference_of = _references(
+        reference, original, loop, filter_named(stack.provenance.pixel_filter), sum(map(len, kinds.values()))
+    )
+    prepared = Views(loop.renderer, clock, loop.levels(starts[0]), parameters, kinds, reference_of, passes)
+    with nullcontext() if path is None else alone_with(path):
+        state = _resumed(loop, prepared) or _begun(loop, starts, prepared)
+        last = _stages(loop, state, prepared, starts)
+        checking, judging = prepared.of(HELD_OUT), prepared.of(APART)
+        still = [str(level) for level, there in enumerate(shown(checking)) if not there]
         if still:
             warnings.warn(
                 f"no view that is held out shows level {', '.join(still)} of {stack.name}, so that nothing is fitted "
                 "there: expected more views",
                 stacklevel=2,
             )
-        with kept_in(file, state):
-            best = loop.without_losses(state.best, begun, checking)
-            best, rounds_made = last.run(loop, best)
-            judging = prepared.of(APART)
-
-            def left() -> float:
-                return clock.left(LAST) - prepared.pace * len(judging)
-
-            prepared.add((APART,), left)
-            prepared.refine((APART,), left)
-            reached = scores(judging, loop.errors(best, judging))
+        with file.keeping(state):
+            best = loop.without_losses(state.best, parameters.joined(starts, state.origins), checking)
+            best, rounds_made = last.run(best)
+            prepared.add((APART,), LAST)
+            prepared.refine((APART,), LAST)
+            reached = scores(judging, loop.errors(loop.levels(best), judging))
         gained = ", ".join(
-            f"{scale} {score:.1f} to {reached[scale]:.1f} dB" for scale, score in _started(judging).items()
+            f"{scale} {score:.1f} to {reached[scale]:.1f} dB" for scale, score in started(judging).items()
         )
         name = getattr(renderer, "called", type(renderer).__name__)
         of_rounds = f" and {rounds_made} round{'s' * (rounds_made > 1)} of least squares" if rounds_made else ""
@@ -179,69 +172,20 @@ def fit(
         return _finished(stacks, starts, parameters, best, adjustment)
 
 
-def _stages(
-    loop: Loop,
-    state: FitState,
-    prepared: Views,
-    starts: Sequence[Array],
-    file: FitFile | None,
-    tell: Callable[[FitState, int, Mapping[str, float]], None],
-    clock: Clock,
-) -> Rounds:
-    """All steps, with more views before each stage of them but the first one; returns the rounds that follow."""
-    begun = loop.parameters.joined(starts, state.origins)
-    ends = STAGES if clock.budget is not None else STAGES[-1:]
-    limit = math.inf if clock.budget is None else ROUNDS * clock.budget
-    rounds = Rounds(SharedNumbers(loop.parameters), 0, ())
-    end = CLOSING
-    for stage in range(state.stage, len(ends)):
-        if stage > state.stage and loop.settings.stepped(state.step) < 1:
-            with kept_in(file, state):
-                before = clock.share
-                growing = before + GROWING * (ends[stage] * CLOSING - before)
-                passes = prepared.passes()
-                prepared.add(CHOOSING, partial(clock.left, (before + growing) / 2))
-                prepared.refine(CHOOSING, partial(clock.left, growing))
-                if prepared.passes() != passes:
-                    loop.judge_anew(state, begun, prepared.of(HELD_OUT))
-                state.stage, state.turned, state.checked = stage, state.step, state.step
-                state.passes, state.seconds = prepared.passes(), clock.seconds
-        learned, checking = prepared.of(LEARNED), prepared.of(HELD_OUT)
-        movable = np.flatnonzero(_shown(checking)).tolist()
-        with kept_in(file, state):
-            if stage == state.step == 0 and clock.budget is not None:
-                # Few numbers, which all pixels of a level show, gain from few renders; texels take many.
-                early = Rounds.planned(loop, state.best, (learned, checking), movable, limit=clock.left(STAGES[0]))
-                found, made = early.run(loop, state.best)
-                if made:
-                    state.values[...] = state.best[...] = found
-                    now, state.seconds = loop.judge_anew(state, begun, checking), clock.seconds
-                    if file is not None:
-                        file.save(state)
-                    tell(state, len(movable), now)
-            if stage + 1 == len(ends):
-                rounds = Rounds.planned(loop, state.best, (learned, checking), movable, starts, limit)
-                if clock.budget is not None:
-                    end -= rounds.seconds / clock.budget
-        loop.run(state, learned, checking, file, tell, clock, min(ends[stage] * CLOSING, end), end)
-    return rounds
-
-
-def _resumed(file: FitFile | None, prepared: Views, clock: Clock) -> FitState | None:
+def _resumed(loop: Loop, prepared: Views) -> FitState | None:
     """The state in the file, with its views, where there is one."""
-    state = None if file is None else file.load()
-    if file is None or state is None:
-        return None
-    prepared.rebuild(state.passes)
-    file.check_started(state, _started(prepared.of(HELD_OUT)))
-    clock.resume(state.seconds)
+    state = loop.file.load()
+    if state is not None:
+        prepared.rebuild(state.passes)
+        loop.file.check_started(state, started(prepared.of(HELD_OUT)))
+        loop.clock.resume(state.seconds)
     return state
 
 
-def _begun(loop: Loop, starts: Sequence[Array], prepared: Views, clock: Clock) -> FitState:
+def _begun(loop: Loop, starts: Sequence[Array], prepared: Views) -> FitState:
     """The state before the first step: each level is that of the stack which shows it best."""
-    prepared.add(CHOOSING, partial(clock.left, FIRST), lambda: clock.viewed(prepared.share(*CHOOSING)))
-    prepared.refine(CHOOSING, partial(clock.left, FIRST))
+    prepared.add(CHOOSING, FIRST)
+    prepared.refine(CHOOSING, FIRST)
     for sentence in probe(loop, starts[0], prepared.of(LEARNED)):
         warnings.warn(sentence, stacklevel=3)
     checking = prepared.of(HELD_OUT)
@@ -250,20 +194,61 @@ def _begun(loop: Loop, starts: Sequence[Array], prepared: Views, clock: Clock) -
         # No step has learned from any view yet, so that all of them are fair judges.
         origins = loop.chosen(starts, [*prepared.of(LEARNED), *checking])
     begun = loop.parameters.joined(starts, origins)
-    errors = np.array([view.started for view in checking]) if not origins.any() else loop.errors(begun, checking)
-    state = FitState.first(begun, errors, _started(checking), origins, _shown(checking))
-    state.passes = prepared.passes()
+    errors = np.array([view.started for view in checking])
+    if origins.any():
+        errors = loop.errors(loop.levels(begun), checking)
+    state = FitState(
+        begun.copy(),
+        Moments.of(begun),
+        begun,
+        errors,
+        gains=np.zeros(len(origins)),
+        rates=shown(checking).astype(np.float64),
+        waited=np.zeros(len(origins), np.int64),
+        origins=origins,
+        started=started(checking),
+        passes=prepared.passes(),
+    )
+    loop.file.save(state)
     return state
 
 
-def _started(views: Sequence[Prepared]) -> dict[str, float]:
-    """Scores of the stack that a fit starts from."""
-    return scores(views, np.array([view.started for view in views]))
-
-
-def _shown(views: Sequence[Prepared]) -> NDArray[np.bool_]:
-    """(levels,) whether any of the views shows it."""
-    return np.asarray(np.sum([view.shares for view in views], axis=0) > 0)
+def _stages(loop: Loop, state: FitState, prepared: Views, starts: Sequence[Array]) -> Rounds:
+    """All steps, with more views before each stage of them but the first one; returns the rounds that follow."""
+    begun, clock, file = loop.parameters.joined(starts, state.origins), loop.clock, loop.file
+    learned, checking = prepared.of(LEARNED), prepared.of(HELD_OUT)
+    ends = STAGES if clock.budget is not None else STAGES[-1:]
+    limit = math.inf if clock.budget is None else ROUNDS * clock.budget
+    rounds = Rounds(loop, (), (), (), (), 0)
+    end = CLOSING
+    for stage in range(state.stage, len(ends)):
+        if stage > state.stage and loop.settings.stepped(state.step) < 1:
+            with file.keeping(state):
+                before = clock.share
+                growing = before + GROWING * (ends[stage] * CLOSING - before)
+                passes = prepared.passes()
+                prepared.add(CHOOSING, (before + growing) / 2)
+                prepared.refine(CHOOSING, growing)
+                if prepared.passes() != passes:
+                    loop.judge_anew(state, begun, checking)
+                state.stage, state.turned, state.checked = stage, state.step, state.step
+                state.passes, state.seconds = prepared.passes(), clock.seconds
+        with file.keeping(state):
+            if stage == state.step == 0 and clock.budget is not None:
+                # Few numbers, which all pixels of a level show, gain from few renders; texels take many.
+                early = Rounds.planned(loop, state.best, learned, checking, limit=clock.left(STAGES[0]))
+                found, made = early.run(state.best)
+                if made:
+                    state.values[...] = state.best[...] = found
+                    now, state.seconds = loop.judge_anew(state, begun, checking), clock.seconds
+                    file.save(state)
+                    loop.tell(state, now)
+            if stage + 1 == len(ends):
+                rounds = Rounds.planned(loop, state.best, learned, checking, starts, limit)
+                if clock.budget is not None:
+                    end -= rounds.seconds / clock.budget
+        loop.run(state, learned, checking, min(ends[stage] * CLOSING, end), end)
+    return rounds
 
 
 def _split(
@@ -290,27 +275,21 @@ def _split(
 
 
 def _references(
-    reference: References | None, source: TextureSet | None, loop: Loop, kernel: PixelFilter, count: int
+    reference: References | None, original: Levels | None, loop: Loop, kernel: PixelFilter, count: int
 ) -> Reference:
-    """What views should show.
-
-    Args:
-        count: of all views.
-    """
+    """What so many views should show."""
     if reference is not None and not callable(reference) and len(reference) != count:
         raise UsageError(f"reference has {len(reference)} images: expected {count}, one for each view")
-    original = None if source is None else _source_levels(source)
 
-    def reference_of(index: int, view: Any, found: Looked) -> Array | Supersampled:
+    def reference_of(index: int, view: Any, found: Frame) -> Array | Supersampled:
+        size, seed = found.id.shape, loop.settings.seed
         if reference is not None:
-            return given(reference(view) if callable(reference) else reference[index], named(view), found.size)
-        if original is None:
-            raise UsageError(
-                "neither source nor reference is given: expected the texture set that the stack was baked from, or "
-                "reference images"
-            )
-        return Supersampled(
-            loop.renderer, original, view, kernel, loop.settings.seed, bool(found.seen.all()), found.size
+            return given(reference(view) if callable(reference) else reference[index], named(view), size)
+        if original is not None:
+            return Supersampled(loop.renderer, original, view, kernel, seed, bool(found.id.all()), size)
+        raise UsageError(
+            "neither source nor reference is given: expected the texture set that the stack was baked from, or "
+            "reference images"
         )
 
     return reference_of
@@ -320,7 +299,7 @@ def _source_levels(source: TextureSet) -> Levels:
     """Level 0 of a texture set alone, as a renderer gets it."""
     stored = source.material(source.source_model)
     parameters = Parameters.of(source.source_model, stored.shape[0], stored.shape[1], 1)
-    return parameters.levels(parameters.values([stored]), source.wrap, new_stamps(parameters.sizes))
+    return parameters.levels(parameters.values([stored]), source.wrap)
 
 
 def _starts(stacks: Sequence[MipStack], parameters: Parameters) -> list[Array]:

@@ -1,36 +1,23 @@
-"""Frames as a fit takes them: checked, in float32, pixels in a row."""
+"""Frames as a fit takes them: checked, in float32."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.base.errors import RendererError
+from mipbake.fitting.program import Frame
 from mipbake.fitting.renderer import Array
 
 _FARTHEST = 2.0**16
 """How many repeats of the maps a texture coordinate may be away; farther, float32 cannot tell texels apart."""
 
 
-@dataclass(frozen=True, eq=False)
-class Looked:
-    """Where the pixels of a view look the maps up, in a row.
-
-    Args:
-        image: (P, 3). uv: (P, 2). lod: (P,), or None. uv_da: (P, 4), or None.
-        seen: (P,) uint8, 0 where a pixel shows no map.
-        size: (height, width).
-    """
-
-    image: Array
-    uv: Array
-    lod: Array | None
-    uv_da: Array | None
-    seen: NDArray[np.uint8]
-    size: tuple[int, int]
+def named(view: Any) -> str:
+    """What messages call a view."""
+    return str(getattr(view, "name", None) or f"a view ({type(view).__name__})")
 
 
 def image_of(frame: Any, who: str, size: tuple[int, int] | None = None) -> Array:
@@ -74,8 +61,9 @@ def cover_of(frame: Any, size: tuple[int, int], who: str) -> NDArray[np.bool_]:
     return np.asarray(numbers > 0)
 
 
-def looked(frame: Any, who: str) -> Looked:
-    """Where a frame's pixels look the maps up: copies, since a renderer may use its arrays again.
+def looked(frame: Any, who: str) -> Frame:
+    """A frame that says where its pixels look the maps up: one of `lod` and `uv_da`, and `id` as (H, W) booleans. Its
+    arrays are copies, since a renderer may use its own again.
 
     Raises:
         RendererError: neither lod nor uv_da, other shapes, values that are not finite, or no pixel that shows the maps.
@@ -100,14 +88,9 @@ def looked(frame: Any, who: str) -> Looked:
     lod, uv_da = getattr(frame, "lod", None), getattr(frame, "uv_da", None)
     if lod is None and uv_da is None:
         raise RendererError(f"{who}: the frame has neither lod nor uv_da: expected one of the two, to know the level")
-    return Looked(
-        image.reshape(-1, 3).copy(),
-        uv.reshape(-1, 2),
-        None if lod is None else _of_pixels(lod, "lod", size, shown, who).reshape(-1),
-        None if lod is not None else _of_pixels(uv_da, "uv_da", (*size, 4), shown, who).reshape(-1, 4),
-        shown.astype(np.uint8).reshape(-1),
-        size,
-    )
+    if lod is not None:
+        return Frame(image.copy(), uv, lod=_of_pixels(lod, "lod", size, shown, who)[..., 0], id=shown)
+    return Frame(image.copy(), uv, uv_da=_of_pixels(uv_da, "uv_da", (*size, 4), shown, who), id=shown)
 
 
 def _of_pixels(value: Any, what: str, wanted: tuple[int, ...], shown: NDArray[np.bool_], who: str) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from mipbake import stochastic
 from mipbake.base.errors import UsageError
 from mipbake.fitting.parameters import Parameters
-from mipbake.fitting.prepared import Prepared, decibels, gains_of_levels, scores, worth
-from mipbake.fitting.renderer import Array, Levels, Renderer, Stamps
+from mipbake.fitting.prepared import Prepared, decibels, gains_of_levels, scores, started, worth
+from mipbake.fitting.renderer import Array, Levels, Renderer, Stamps, Tiles
 from mipbake.fitting.schedule import Clock
-from mipbake.fitting.state import FitFile, FitState, kept_in
+from mipbake.fitting.state import FitFile, FitState
 from mipbake.stack.stack import MipStack
 
 DEFAULT_STEPS = 2000
@@ -27,8 +27,7 @@ _LAST_RATE = 0.05  # factor that the rate falls to at the end of a budget
 
 _SAVING = 10.0  # times as long as the state took to be kept, steps go on before it is kept again
 
-_NO_TILES = np.empty(0, np.intp)
-
+_ALL, _NONE = slice(None), slice(0)  # tiles
 
 MOST = 4096
 """Renders of a step, and views at a level of detail, at most: far more than any fit gains by."""
@@ -104,37 +103,36 @@ class Progress:
 
 
 class Loop:
-    """Steps and checks of a fit, with the arrays that they work in."""
+    """Steps and checks of a fit.
+
+    Args:
+        clock: what says when steps end. file: where the state is kept after a check, unless that takes too long.
+        tell: called after each check with the state, and with the scores of held-out views.
+    """
 
     def __init__(
-        self, renderer: Renderer[Any], parameters: Parameters, wrap: tuple[str, str], settings: FitSettings
+        self,
+        renderer: Renderer[Any],
+        parameters: Parameters,
+        wrap: tuple[str, str],
+        settings: FitSettings,
+        clock: Clock,
+        file: FitFile,
+        tell: Callable[[FitState, Mapping[str, float]], None],
     ) -> None:
-        self.renderer, self.parameters, self.wrap, self.settings = renderer, parameters, wrap, settings
-        self._channels = parameters.channels
-        # No step, and normals as they are: what is perturbed by this is a copy.
-        self._still = replace(self._channels, magnitude=tuple(0.0 for _ in self._channels.magnitude), lifted=None)
-        self._stamps = Stamps(parameters.sizes)
+        self.renderer, self.parameters, self.settings = renderer, parameters, settings
+        self.clock, self.file, self.tell = clock, file, tell
+        self._wrap, self.stamps = wrap, Stamps(parameters.sizes)
 
-    def levels_of(self, values: Array, level: int | None = None) -> Levels:
-        """What the renderer gets of values whose texels of a level may be any, or of all levels: their stamps are new,
-        and will be new the next time, because nobody knows what the renderer gets next."""
-        self._stamps.touch_all(level)
-        levels = self.parameters.levels(values, self.wrap, self._stamps.handed_out())
-        self._stamps.touch_all(level)
+    def levels(self, values: Array, tiles: Tiles = _ALL) -> Levels:
+        """What the renderer gets of values that differ in these tiles alone from what it gets before and after."""
+        self.stamps.touch(tiles)
+        levels = self.parameters.levels(values, self._wrap, self.stamps.now())
+        self.stamps.touch(tiles)
         return levels
 
-    def levels_near(self, values: Array, tiles: NDArray[np.intp]) -> Levels:
-        """The same of values that differ in these tiles alone from what the renderer gets before and after."""
-        self._stamps.touch(tiles)
-        levels = self.parameters.levels(values, self.wrap, self._stamps.handed_out())
-        self._stamps.touch(tiles)
-        return levels
-
-    def errors(self, values: Array, views: Sequence[Prepared]) -> NDArray[np.float64]:
+    def errors(self, levels: Levels, views: Sequence[Prepared]) -> NDArray[np.float64]:
         """(views, 2) the errors of each view."""
-        return self._errors(self.levels_of(values), views)
-
-    def _errors(self, levels: Levels, views: Sequence[Prepared]) -> NDArray[np.float64]:
         return np.stack([view.errors(view.rendered(self.renderer, levels)) for view in views])
 
     def compared(self, levels: Levels, view: Prepared) -> Array:
@@ -147,7 +145,7 @@ class Loop:
         It is the one that the views gain most with. It is the first one where the views lose by the others, beside the
         levels that were chosen.
         """
-        found = [self.errors(each, views) for each in variants]
+        found = [self.errors(self.levels(each), views) for each in variants]
         gains = np.stack([gains_of_levels(views, found[0], each) for each in found])  # NaN: no view shows a level
         chosen = np.argmax(np.nan_to_num(gains), 0)
         joined = self.parameters.joined(variants, chosen)
@@ -164,7 +162,7 @@ class Loop:
         Levels were kept one by one, each beside others than it has in the end.
         """
         kept: Array = best.copy()
-        errors = self.errors(kept, checking)
+        errors = self.errors(self.levels(kept), checking)
         value = _gain(errors, checking)
         for level in range(len(self.parameters.sizes)):
             own = self.parameters.texels(level)
@@ -174,7 +172,8 @@ class Loop:
             showing = [index for index, view in enumerate(checking) if view.shares[level] > 0]
             others = errors.copy()
             if showing:
-                others[showing] = self._errors(self.levels_of(kept, level), [checking[index] for index in showing])
+                levels = self.levels(kept, self.stamps.level(level))
+                others[showing] = self.errors(levels, [checking[index] for index in showing])
             other = _gain(others, checking)
             if other > value:
                 errors, value = others, other
@@ -194,9 +193,8 @@ class Loop:
         Returns:
             Scores of what is kept.
         """
-        state.begun = self.errors(begun, checking)
-        state.started = scores(checking, np.array([view.started for view in checking]))
-        found = self.errors(state.best, checking)
+        state.begun, state.started = self.errors(self.levels(begun), checking), started(checking)
+        found = self.errors(self.levels(state.best), checking)
         gains = gains_of_levels(checking, state.begun, found)
         state.gains = np.nan_to_num(np.maximum(gains, 0.0))
         state.rates, state.waited[...] = np.where(np.isnan(gains), 0.0, 1.0), 0
@@ -207,28 +205,18 @@ class Loop:
         return scores(checking, found)
 
     def run(
-        self,
-        state: FitState,
-        training: Sequence[Prepared],
-        checking: Sequence[Prepared],
-        file: FitFile | None,
-        progress: Callable[[FitState, int, Mapping[str, float]], None],
-        clock: Clock,
-        until: float,
-        end: float,
+        self, state: FitState, training: Sequence[Prepared], checking: Sequence[Prepared], until: float, end: float
     ) -> None:
         """Steps until a share of the budget or the steps are spent, or until no level gains any more.
 
         Args:
             state: changes. training, checking: views to learn from, and those that are held out.
-            file: where the state is kept after a check, unless that takes too long.
-            progress: called after each check with the state, how many levels move, and what it scores.
             until, end: shares of the budget at which these steps, and all steps, end.
 
         Raises:
             RendererError: the renderer failed. The state is kept in the file, where there is one.
         """
-        settings, gradient = self.settings, np.zeros_like(state.values)
+        settings, clock, gradient = self.settings, self.clock, np.zeros_like(state.values)
         sides = (state.values.copy(), state.values.copy())
         saved, saving = -math.inf, 0.0
 
@@ -240,7 +228,7 @@ class Loop:
 
         while (not over() or unchecked()) and state.rates.any():
             order = np.random.default_rng([settings.seed, state.turned]).permutation(len(training))
-            with kept_in(file, state):
+            with self.file.keeping(state):
                 for index in () if unchecked() else order[state.step - state.turned :]:
                     done = max(settings.stepped(state.step), clock.share / end if clock.budget else 0.0)
                     falling = _LAST_RATE + (1 - _LAST_RATE) * 0.5 * (1 + math.cos(math.pi * min(1.0, done)))
@@ -254,36 +242,33 @@ class Loop:
                 if state.step - state.turned >= len(training):
                     state.turned = state.step
             ends = over() or not state.rates.any()
-            if file is not None and (ends or state.seconds - saved > _SAVING * saving):
+            if ends or state.seconds - saved > _SAVING * saving:
                 saved = clock.seconds
-                file.save(state)
+                self.file.save(state)
                 saving = clock.seconds - saved
-            progress(state, int(np.count_nonzero(state.rates)), now)
+            self.tell(state, now)
 
     def _step(self, state: FitState, view: Prepared, gradient: Array, sides: tuple[Array, Array], rate: float) -> None:
-        """Moves the texels that a view shows."""
-        try:
-            for index in range(self.settings.renders):
-                number = state.step * self.settings.renders + index + 1
-                stochastic.perturb(state.values, self._channels, number, self.settings.seed, view.visible, sides)
-                images = [self.compared(self.levels_near(side, view.tiles), view) for side in sides]
-                differences = stochastic.pixel_differences(images[0], images[1], view.wanted, view.shown)
-                stochastic.add_gradient(gradient, differences, view.read, self._channels, number, self.settings.seed)
-            bounds = np.searchsorted(view.visible, self.parameters.starts)
-            for level in np.flatnonzero(view.shares):
-                own = view.visible[bounds[level] : bounds[level + 1]]
-                factor = rate * float(state.rates[level])
-                stochastic.descend(state.values, gradient, state.moments, self._channels, factor, own)
-            state.step += 1
-        except Exception:
-            gradient[...] = 0
-            raise
-        finally:
-            stochastic.perturb(state.values, self._still, 0, 0, view.visible, sides)
+        """Moves the texels that a view shows. `sides` have the same values before and after."""
+        channels, settings = self.parameters.channels, self.settings
+        for index in range(settings.renders):
+            number = state.step * settings.renders + index + 1
+            stochastic.perturb(state.values, channels, number, settings.seed, view.visible, sides)
+            images = [self.compared(self.levels(side, view.tiles), view) for side in sides]
+            differences = stochastic.pixel_differences(images[0], images[1], view.wanted, view.shown)
+            stochastic.add_gradient(gradient, differences, view.read, channels, number, settings.seed)
+        bounds = np.searchsorted(view.visible, self.parameters.starts)
+        for level in np.flatnonzero(view.shares):
+            own = view.visible[bounds[level] : bounds[level + 1]]
+            factor = rate * float(state.rates[level])
+            stochastic.descend(state.values, gradient, state.moments, channels, factor, own)
+        state.step += 1
+        for side in sides:
+            side[view.visible] = state.values[view.visible]
 
     def _check(self, state: FitState, checking: Sequence[Prepared], sides: tuple[Array, Array]) -> dict[str, float]:
         """Keeps the levels that are the best so far, and lowers the rate of those that were not for some time."""
-        found = self._errors(self.levels_near(state.values, _NO_TILES), checking)
+        found = self.errors(self.levels(state.values, _NONE), checking)
         for level, gain in enumerate(gains_of_levels(checking, state.begun, found)):
             own = self.parameters.texels(level)
             if gain > state.gains[level]:
@@ -295,7 +280,7 @@ class Loop:
                 state.rates[level], state.waited[level] = halved if halved >= _LEAST_RATE else 0.0, 0
                 for array in (state.values, *sides):
                     array[own] = state.best[own]
-                self._stamps.touch_all(level)
+                self.stamps.touch(self.stamps.level(level))
         return scores(checking, found)
 
 

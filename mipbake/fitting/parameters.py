@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mipbake.base.errors import UsageError
 from mipbake.base.srgb import linear_to_srgb, srgb_to_linear
-from mipbake.fitting.renderer import Array, Levels
+from mipbake.fitting.renderer import Array, Levels, firsts_of, new_stamps
 from mipbake.material import MAX_LOG_ALPHA2, MIN_LOG_ALPHA2, Kind, MaterialModel, model_named
 from mipbake.material.kinds import COLOUR, LOG, SIGNED
 from mipbake.material.model import with_unit_length
@@ -45,7 +45,7 @@ class Parameters:
     @cached_property
     def starts(self) -> tuple[int, ...]:
         """Number of the first texel of each level, and the number of all texels."""
-        return tuple(int(n) for n in np.cumsum([0, *(height * width for height, width in self.sizes)]))
+        return tuple(firsts_of(self.sizes))
 
     @cached_property
     def channels(self) -> Channels:
@@ -95,12 +95,14 @@ class Parameters:
                 own[...] = np.where(length > 1e-6, own / np.maximum(length, 1e-6), np.eye(2, dtype=np.float32)[0])
         return [level.copy() for level in self._cut(decoded)]
 
-    def levels(self, values: Array, wrap: tuple[str, str], stamps: tuple[NDArray[np.int64], ...]) -> Levels:
-        """What a renderer gets: views of the values, which it cannot write to."""
+    def levels(
+        self, values: Array, wrap: tuple[str, str], stamps: tuple[NDArray[np.int64], ...] | None = None
+    ) -> Levels:
+        """What a renderer gets: views of the values, which it cannot write to. Without stamps, all tiles are new."""
         values = values.view()
         values.flags.writeable = False
         maps = {name: [level[..., own] for level in self._cut(values)] for name, own in self.model.maps.items()}
-        return Levels(self.model.name, maps, wrap, stamps)
+        return Levels(self.model.name, maps, wrap, stamps or new_stamps(self.sizes))
 
     def texels(self, level: int) -> slice:
         """The texels of a level."""

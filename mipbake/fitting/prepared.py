@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from mipbake.base.errors import RendererError
 from mipbake.base.srgb import linear_to_srgb
-from mipbake.fitting.frames import Looked, image_of
+from mipbake.fitting.frames import image_of, named
 from mipbake.fitting.parameters import Parameters
-from mipbake.fitting.references import named
+from mipbake.fitting.program import Frame
 from mipbake.fitting.renderer import Array, Levels, Renderer, tiles_of
 from mipbake.quality.metrics.images import film_exposure, tonemapped
 from mipbake.stochastic import Contributions, contributions, touched_texels
@@ -30,7 +30,6 @@ _LOSS = 4.0
 
 _LEAST_ERROR = 1e-9
 """A smaller share of an error counts as this, 90 dB: what 8 bits can hold ends before."""
-
 
 _CERTAIN = 0.1
 """What noise of a reference leaves of an error is at least this share of it: where the noise is most of the error,
@@ -73,39 +72,36 @@ class Prepared:
     started: NDArray[np.float64]
 
     @staticmethod
-    def of(view: Any, found: Looked, halves: Array, parameters: Parameters, wrap: tuple[str, str]) -> Prepared:
+    def of(view: Any, found: Frame, halves: Array, parameters: Parameters, wrap: tuple[str, str]) -> Prepared:
         """A view with its reference.
 
         Args:
-            found: what the renderer shows of the stack that the fit starts from.
-            halves: (2, H, W, 3) two estimates of the reference that know nothing of each other, or the same twice.
+            found: what the renderer shows of the stack that the fit starts from, as `looked` gives it.
+            halves: as `aiming_at` has them.
 
         Raises:
             RendererError: the reference is black.
         """
-        sizes, uv_da = parameters.sizes, found.uv_da
-        touched: NDArray[np.int32]
-        if uv_da is not None:
-            touched = touched_texels(sizes, found.uv, None, uv_da, found.seen, "anisotropic", wrap)
-        else:
-            touched = touched_texels(sizes, found.uv, found.lod, None, found.seen, "trilinear", wrap)
-        read = contributions(touched)
+        image, seen = found.image.reshape(-1, 3), found.id.reshape(-1)
+        lod = None if found.lod is None else found.lod.reshape(-1)
+        uv_da = None if found.uv_da is None else found.uv_da.reshape(-1, 4)
+        lookup = "trilinear" if uv_da is None else "anisotropic"
+        uv: Array = found.uv.reshape(-1, 2)
+        read = contributions(touched_texels(parameters.sizes, uv, lod, uv_da, seen.astype(np.uint8), lookup, wrap))
         unknown = np.zeros(2)
         return Prepared(
             view,
             named(view),
             str(getattr(view, "scale", "") or "all"),
-            found.size,
-            found.image,
-            found.seen.astype(np.float32),
+            found.id.shape,
+            image,
+            seen.astype(np.float32),
             tiles_of(np.asarray(read.elements), parameters.sizes),
             parameters.shares(read),
             read,
             1.0,
-            found.image,
-            unknown,
-            unknown,
-            unknown,
+            image,
+            *(unknown, unknown, unknown),
         ).aiming_at(halves)
 
     def aiming_at(self, halves: Array) -> Prepared:
@@ -188,6 +184,16 @@ def _energies(looks: Array, shown: Array) -> NDArray[np.float64]:
 def decibels(errors: NDArray[np.float64]) -> NDArray[np.float64]:
     """SNR in dB of errors that are shares of 1."""
     return np.asarray(-10 * np.log10(np.maximum(errors, _LEAST_ERROR)))
+
+
+def shown(views: Sequence[Prepared]) -> NDArray[np.bool_]:
+    """(levels,) whether any of the views shows it."""
+    return np.asarray(np.sum([view.shares for view in views], axis=0) > 0)
+
+
+def started(views: Sequence[Prepared]) -> dict[str, float]:
+    """Scores of the stack that a fit starts from."""
+    return scores(views, np.array([view.started for view in views]))
 
 
 def worth(gains: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -35,11 +35,11 @@ def probe(loop: Loop, values: Array, views: Sequence[Prepared]) -> list[str]:
         RendererError: no picture follows the maps, or they differ as much where the maps are the same.
     """
     tried = views[:: math.ceil(len(views) / _TRIED)]
-    resting = loop.levels_of(values)
+    resting = loop.levels(values)
     none = np.array([_energy(_shown(loop, resting, view), _shown(loop, resting, view)) for view in tried])
     every, others = [], []
     for side in stochastic.perturb(values, loop.parameters.channels, 0, loop.settings.seed):
-        moved = loop.levels_of(side)
+        moved = loop.levels(side)
         every.append([_shown(loop, moved, view) for view in tried])
         others.append([_without(loop, side, values, view) for view in tried])
     moves = np.array([_energy(*both) for both in zip(*every, strict=True)])
@@ -81,7 +81,7 @@ def _without(loop: Loop, side: Array, values: Array, view: Prepared) -> Array:
     """The picture of perturbed values, with the texels that the view names as they were."""
     own = side[view.visible]
     side[view.visible] = values[view.visible]
-    picture = _shown(loop, loop.levels_of(side), view)
+    picture = _shown(loop, loop.levels(side), view)
     side[view.visible] = own
     return picture
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from mipbake.base.errors import UsageError
-from mipbake.fitting.frames import cover_of, image_of
+from mipbake.fitting.frames import cover_of, image_of, named
 from mipbake.fitting.renderer import Array, Levels, Renderer
 from mipbake.material.pixel_filter import PixelFilter
 from mipbake.quality.reference.sequences import SEQUENCE
@@ -51,7 +51,8 @@ class Supersampled:
             )
         self._renderer, self._source, self._view, self._kernel = renderer, source, view, kernel
         self._whole, self._size = whole, size
-        self._shifts = np.random.default_rng([seed, _number(named(view))]).random((2, 2))
+        of_name = int.from_bytes(hashlib.sha256(named(view).encode()).digest()[:8], "little")
+        self._shifts = np.random.default_rng([seed, of_name]).random((2, 2))
         self._totals: list[Any] = [0.0, 0.0]
         self._counted: list[Any] = [0.0, 0.0]
         self.passes = 0
@@ -99,12 +100,3 @@ def given(value: Any, who: str, size: tuple[int, int]) -> Array:
             "the renderer's image has"
         )
     return np.array(image[..., :3], order="C")
-
-
-def named(view: Any) -> str:
-    """What messages call a view."""
-    return str(getattr(view, "name", None) or f"a view ({type(view).__name__})")
-
-
-def _number(text: str) -> int:
-    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "little")

@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from mipbake.fitting.program import Frame
 
 Array = NDArray[np.float32]
+Tiles: TypeAlias = "NDArray[np.intp] | slice"
 V_contra = TypeVar("V_contra", contravariant=True)
-
 
 TILE = 64
 """Texels along a side of a tile. Smaller tiles fit what a view shows more closely, and ask more calls of a driver."""
@@ -128,8 +128,7 @@ def tiles_of(texels: NDArray[np.int32], sizes: Sequence[tuple[int, int]]) -> NDA
         texels: (K,) numbers of texels, increasing.
         sizes: (height, width) of each level in texels, finest first.
     """
-    firsts = _firsts(sizes)
-    first_tiles = _firsts(map(tiles_along, sizes))
+    firsts, first_tiles = firsts_of(sizes), firsts_of(map(tiles_along, sizes))
     bounds = np.searchsorted(texels, firsts)
     found = []
     for level, size in enumerate(sizes):
@@ -148,33 +147,26 @@ class Stamps:
 
     def __init__(self, sizes: Sequence[tuple[int, int]]) -> None:
         self._shapes = [tiles_along(size) for size in sizes]
-        self._firsts = _firsts(self._shapes)
-        self._numbers = np.zeros(self._firsts[-1], np.int64)
-        self._touched = np.ones(self._firsts[-1], np.bool_)
+        self._firsts = firsts_of(self._shapes)
+        self._numbers = np.full(self._firsts[-1], new_stamp(), np.int64)
 
-    def touch(self, tiles: NDArray[np.intp]) -> None:
-        """Says that texels of these tiles may be others than at the last `handed_out`."""
-        self._touched[tiles] = True
+    def level(self, number: int) -> slice:
+        """The tiles of a level."""
+        return slice(self._firsts[number], self._firsts[number + 1])
 
-    def touch_all(self, level: int | None = None) -> None:
-        """Says so of all tiles of a level; None: of all levels."""
-        first, end = (0, -1) if level is None else (level, level + 1)
-        self._touched[self._firsts[first] : self._firsts[end]] = True
+    def touch(self, tiles: Tiles) -> None:
+        """Gives these tiles a new number, because texels of them may be others from now on."""
+        self._numbers[tiles] = new_stamp()
 
-    def handed_out(self) -> tuple[NDArray[np.int64], ...]:
-        """Stamps for `Levels`: a new number for the tiles that were touched since the last call, and for no others.
-
-        The arrays stay as they are.
-        """
-        self._numbers[self._touched] = new_stamp()
-        self._touched[...] = False
+    def now(self) -> tuple[NDArray[np.int64], ...]:
+        """Stamps for `Levels`, which stay as they are."""
         numbers = self._numbers.copy()
         numbers.flags.writeable = False
         parts = zip(pairwise(self._firsts), self._shapes, strict=True)
         return tuple(numbers[first:end].reshape(shape) for (first, end), shape in parts)
 
 
-def _firsts(sizes: Iterable[tuple[int, int]]) -> list[int]:
+def firsts_of(sizes: Iterable[tuple[int, int]]) -> list[int]:
     """The number of the first part of each level, and of parts in all, where levels have (rows, columns) of parts."""
     return [int(n) for n in np.cumsum([0, *(rows * columns for rows, columns in sizes)])]
 

@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 
 from mipbake import stochastic
 from mipbake.fitting.loop import Loop
-from mipbake.fitting.parameters import Parameters
-from mipbake.fitting.prepared import Prepared
+from mipbake.fitting.prepared import Prepared, shown
 from mipbake.fitting.renderer import Array
 
 _DIFFERENCE = 2.0
@@ -81,23 +80,98 @@ class Number:
 
 
 @dataclass(frozen=True, eq=False)
-class SharedNumbers:
-    """What may move of each level: an offset of each channel, the contrast of each map around its mean, and how far a
-    map lies towards the same map of other stacks.
+class Rounds:
+    """Gauss-Newton steps of what may move of each level: an offset of each channel, the contrast of each map around its
+    mean, and how far a map lies towards the same map of other stacks.
 
     Args:
-        parameters: of the stacks.
         others: values of these stacks, (texels, channels).
+        movable: numbers of the levels that may move.
+        learning: views that derivatives are taken in.
+        judging: views that say how far each level goes.
+        count: of rounds, at most.
+        seconds: that they are expected to take; 0 where they may take as long as they like.
     """
 
-    parameters: Parameters
-    others: Sequence[Array] = ()
+    loop: Loop
+    others: Sequence[Array]
+    movable: Sequence[int]
+    learning: Sequence[Prepared]
+    judging: Sequence[Prepared]
+    count: int
+    seconds: float = 0.0
 
-    def of(self, values: Array, level: int) -> list[Number]:
+    @staticmethod
+    def planned(
+        loop: Loop,
+        values: Array,
+        learning: Sequence[Prepared],
+        checking: Sequence[Prepared],
+        others: Sequence[Array] = (),
+        limit: float = math.inf,
+    ) -> Rounds:
+        """Rounds that take so many seconds at most: few of the views are learned from where there are too many.
+
+        Args:
+            values: (texels, channels), about as they will be.
+            learning, checking: views to learn from, and those that are held out.
+        """
+        movable = np.flatnonzero(shown(checking)).tolist()
+        count = loop.settings.rounds if movable else 0
+        rounds = Rounds(loop, others, movable, learning, [*learning, *checking], count)
+        if not count or limit == math.inf:
+            return rounds
+        # Once steps have moved a level, each of its maps can move back towards the stack that it started from, as well.
+        back = len(loop.parameters.model.maps) if others and loop.settings.last != 0 else 0
+        counts = {level: len(rounds.numbers(values, level)) + back for level in movable}
+        judged = 2 * len(_DAMPINGS) + 2 + _SHOWN  # renders of each view, about
+        derived = sum(counts[n] for view in learning for n in movable if view.shares[n] >= _LEAST_SHARE)
+        learned = derived + (1 + judged) * len(learning)
+        began = time.monotonic()
+        for level in movable:
+            rounds.moved(values, level, (), ())
+        texels = (time.monotonic() - began) * (max(counts.values()) + 2 * _TRIES * len(_DAMPINGS))
+        began = time.monotonic()
+        loop.errors(loop.levels(values), checking)
+        pace = (time.monotonic() - began) / len(checking)
+        left = (limit / count - texels) / pace - judged * len(checking)
+        every = math.ceil(learned / left) if left > 0 else math.inf
+        if every > _WIDEST:
+            return replace(rounds, count=0)
+        chosen = _thinned(learning, int(every))
+        renders = learned * len(chosen) / len(learning) + judged * len(checking)
+        seconds = count * (texels + pace * renders)
+        return replace(rounds, learning=chosen, judging=[*chosen, *checking], seconds=seconds)
+
+    def run(self, values: Array) -> tuple[Array, int]:
+        """The values after all rounds, and how many rounds there were: none follows one that changes nothing.
+
+        Args:
+            values: (texels, channels) to begin with.
+
+        Returns:
+            (texels, channels). A level that gains nothing stays bit for bit.
+        """
+        for done in range(self.count):
+            numbers, matrix, right = self._equations(values)
+            if not right.any():
+                return values, done
+            variants = [values]
+            for damping in _DAMPINGS:
+                for alone in (False, True):
+                    variants.append(self._stepped(values, numbers, matrix, right, damping, alone))
+            chosen = self.loop.chosen(variants, self.judging)
+            if not chosen.any():
+                return values, done
+            values = self.loop.parameters.joined(variants, chosen)
+        return values, self.count
+
+    def numbers(self, values: Array, level: int) -> list[Number]:
         """The numbers of a level. There is none that moves nothing."""
-        steps = np.asarray(self.parameters.channels.magnitude)  # 0 for what follows from other channels
+        parameters = self.loop.parameters
+        steps = np.asarray(parameters.channels.magnitude)  # 0 for what follows from other channels
         found = []
-        for each in self.parameters.model.maps.values():
+        for each in parameters.model.maps.values():
             own = [index for index in range(each.start, each.stop) if steps[index] > 0]
             found += [Number(level, [index], _DIFFERENCE * float(steps[index])) for index in own]
             for toward in range(_MEAN, len(self.others)):
@@ -109,7 +183,7 @@ class SharedNumbers:
 
     def moved(self, values: Array, level: int, numbers: Sequence[Number], by: Sequence[float]) -> Array:
         """(texels of the level, channels) of these values, with numbers of the level moved, within the limits."""
-        channels, own = self.parameters.channels, self.parameters.texels(level)
+        channels, own = self.loop.parameters.channels, self.loop.parameters.texels(level)
         moved: Array = values[own].copy()
         for number, amount in zip(numbers, by, strict=True):
             moved[:, number.channels] += amount * self._moves(values, number, own)
@@ -117,9 +191,9 @@ class SharedNumbers:
         still = replace(channels, magnitude=tuple(0.0 for _ in channels.magnitude))
         return np.asarray(stochastic.perturb(moved, still, 0, 0)[0])  # with normals of unit length
 
-    def reached(self, values: Array, number: Number, by: float) -> float:
+    def _reached(self, values: Array, number: Number, by: float) -> float:
         """How much of the sum of squares of a move the limits of channels leave, from 0 to 1; 1 of no move."""
-        channels, some = self.parameters.channels, self._some(number.level)
+        channels, some = self.loop.parameters.channels, self._some(number.level)
         before = values[some][:, number.channels].astype(np.float64)
         wanted = by * self._moves(values, number, some).astype(np.float64)
         low, high = (np.asarray(limit)[number.channels] for limit in (channels.low, channels.high))
@@ -138,97 +212,10 @@ class SharedNumbers:
         return np.asarray((other - own) * np.float32(number.factor))
 
     def _some(self, level: int) -> slice:
-        own = self.parameters.texels(level)
+        own = self.loop.parameters.texels(level)
         return slice(own.start, own.stop, -(-(own.stop - own.start) // _SAMPLED))
 
-
-@dataclass(frozen=True, eq=False)
-class Rounds:
-    """Gauss-Newton steps that end a fit.
-
-    Args:
-        shared: what moves.
-        count: of rounds, at most.
-        movable: numbers of the levels that may move.
-        learning: views that derivatives are taken in.
-        judging: views that say how far each level goes.
-        seconds: that the rounds are expected to take; 0 where they may take as long as they like.
-    """
-
-    shared: SharedNumbers
-    count: int
-    movable: Sequence[int]
-    learning: Sequence[Prepared] = ()
-    judging: Sequence[Prepared] = ()
-    seconds: float = 0.0
-
-    @staticmethod
-    def planned(
-        loop: Loop,
-        values: Array,
-        views: tuple[Sequence[Prepared], Sequence[Prepared]],
-        movable: Sequence[int],
-        others: Sequence[Array] = (),
-        limit: float = math.inf,
-    ) -> Rounds:
-        """Rounds that take so many seconds at most: few of the views are learned from where there are too many.
-
-        Args:
-            values: (texels, channels), about as they will be.
-            views: to learn from, and those that are held out. movable: numbers of the levels that may move.
-            others: values of stacks that levels may move towards.
-        """
-        learning, checking = views
-        rounds, shared = loop.settings.rounds, SharedNumbers(loop.parameters, others)
-        if not rounds or not movable:
-            return Rounds(shared, 0, movable)
-        if limit == math.inf:
-            return Rounds(shared, rounds, movable, learning, [*learning, *checking])
-        # Once steps have moved a level, each of its maps can move back towards the stack that it started from, as well.
-        back = len(loop.parameters.model.maps) if others and loop.settings.last != 0 else 0
-        counts = {level: len(shared.of(values, level)) + back for level in movable}
-        judged = 2 * len(_DAMPINGS) + 2 + _SHOWN  # renders of each view, about
-        derived = sum(counts[n] for view in learning for n in movable if view.shares[n] >= _LEAST_SHARE)
-        learned = derived + (1 + judged) * len(learning)
-        began = time.monotonic()
-        for level in movable:
-            shared.moved(values, level, (), ())
-        texels = (time.monotonic() - began) * (max(counts.values()) + 2 * _TRIES * len(_DAMPINGS))
-        began = time.monotonic()
-        loop.errors(values, checking)
-        pace = (time.monotonic() - began) / len(checking)
-        left = (limit / rounds - texels) / pace - judged * len(checking)
-        every = math.ceil(learned / left) if left > 0 else math.inf
-        if every > _WIDEST:
-            return Rounds(shared, 0, movable)
-        chosen = _thinned(learning, int(every))
-        renders = learned * len(chosen) / len(learning) + judged * len(checking)
-        return Rounds(shared, rounds, movable, chosen, [*chosen, *checking], rounds * (texels + pace * renders))
-
-    def run(self, loop: Loop, values: Array) -> tuple[Array, int]:
-        """The values after all rounds, and how many rounds there were: none follows one that changes nothing.
-
-        Args:
-            loop: what renders. values: (texels, channels) to begin with.
-
-        Returns:
-            (texels, channels). A level that gains nothing stays bit for bit.
-        """
-        for done in range(self.count):
-            numbers, matrix, right = self._equations(loop, values)
-            if not right.any():
-                return values, done
-            variants = [values]
-            for damping in _DAMPINGS:
-                for alone in (False, True):
-                    variants.append(self._stepped(values, numbers, matrix, right, damping, alone))
-            chosen = loop.chosen(variants, self.judging)
-            if not chosen.any():
-                return values, done
-            values = loop.parameters.joined(variants, chosen)
-        return values, self.count
-
-    def _equations(self, loop: Loop, values: Array) -> tuple[list[Number], NDArray[np.float64], NDArray[np.float64]]:
+    def _equations(self, values: Array) -> tuple[list[Number], NDArray[np.float64], NDArray[np.float64]]:
         """Normal equations of least squares: matrix @ amounts = right where views are right to first order.
 
         Each view is rendered once for each number of a level that takes part in it.
@@ -237,12 +224,12 @@ class Rounds:
             The numbers; (numbers, numbers) sums over pixels of products of two derivatives; (numbers,) of a derivative
             and what is missing.
         """
-        shared, views = self.shared, self.learning
-        numbers = [number for level in self.movable for number in shared.of(values, level)]
+        loop, views = self.loop, self.learning
+        numbers = [number for level in self.movable for number in self.numbers(values, level)]
         levels = np.array([number.level for number in numbers], np.int64)
         matrix, right = np.zeros((len(numbers), len(numbers))), np.zeros(len(numbers))
         takes_part = [view.shares[levels] >= _LEAST_SHARE for view in views]
-        resting = loop.levels_of(values)
+        resting = loop.levels(values)
         pictures = [_thin(loop.compared(resting, view), view) for view in views]
         scratch = values.copy()
         for part in _parts([len(each) * int(own.sum()) for each, own in zip(pictures, takes_part, strict=True)]):
@@ -252,19 +239,19 @@ class Rounds:
                 if not seen:
                     continue
                 # To the side that limits leave free: what lies at a limit can move away from it alone.
-                side = 1.0 if shared.reached(values, number, 1.0) >= shared.reached(values, number, -1.0) else -1.0
+                side = 1.0 if self._reached(values, number, 1.0) >= self._reached(values, number, -1.0) else -1.0
                 own = loop.parameters.texels(number.level)
-                scratch[own] = shared.moved(values, number.level, [number], [side])
-                moved = loop.levels_of(scratch, number.level)
+                scratch[own] = self.moved(values, number.level, [number], [side])
+                moved = loop.levels(scratch, loop.stamps.level(number.level))
                 for index in seen:
                     picture = _thin(loop.compared(moved, views[index]), views[index])
                     columns[index].append((side * (picture - pictures[index])).ravel())
                 scratch[own] = values[own]
             for index, derivatives in columns.items():
-                every, shown = np.stack(derivatives), np.flatnonzero(takes_part[index])
+                every, among = np.stack(derivatives), np.flatnonzero(takes_part[index])
                 missing = _thin(views[index].wanted, views[index]) - pictures[index]
-                matrix[np.ix_(shown, shown)] += every @ every.T
-                right[shown] += every @ missing.ravel()
+                matrix[np.ix_(among, among)] += every @ every.T
+                right[among] += every @ missing.ravel()
         return numbers, matrix, right
 
     def _stepped(
@@ -291,7 +278,7 @@ class Rounds:
         while True:
             found = np.zeros(len(right))
             found[moving] = np.linalg.solve(damped[np.ix_(moving, moving)], right[moving])
-            reached = [self.shared.reached(values, *each) for each in zip(numbers, found.tolist(), strict=True)]
+            reached = [self._reached(values, *each) for each in zip(numbers, found.tolist(), strict=True)]
             stopped = np.array(reached) < _STOPPED
             if not stopped.any():
                 break
@@ -299,8 +286,8 @@ class Rounds:
         stepped: Array = values.copy()
         for level in {number.level for number in numbers}:
             own = [index for index, number in enumerate(numbers) if number.level == level]
-            moved = self.shared.moved(values, level, [numbers[index] for index in own], found[own].tolist())
-            stepped[self.shared.parameters.texels(level)] = moved
+            moved = self.moved(values, level, [numbers[index] for index in own], found[own].tolist())
+            stepped[self.loop.parameters.texels(level)] = moved
         return stepped
 
 

@@ -56,26 +56,12 @@ class FitState:
     waited: NDArray[np.int64]
     origins: NDArray[np.int64]
     started: dict[str, float]
-    passes: dict[str, list[int]] = field(default_factory=dict)
+    passes: dict[str, list[int]]
     stage: int = 0
     step: int = 0
     turned: int = 0
     checked: int = 0
     seconds: float = 0.0
-
-    @staticmethod
-    def first(
-        values: Array,
-        begun: NDArray[np.float64],
-        started: dict[str, float],
-        origins: NDArray[np.int64],
-        shown: NDArray[np.bool_],
-    ) -> FitState:
-        """The state before the first step. `shown`: (levels,) whether a view shows it which is held out; a level that
-        none shows does not move."""
-        waited, gains = np.zeros(len(shown), np.int64), np.zeros(len(shown))
-        rates, moments = np.where(shown, 1.0, 0.0), Moments.of(values)
-        return FitState(values.copy(), moments, values.copy(), begun, gains, rates, waited, origins, started)
 
 
 @dataclass(frozen=True)
@@ -83,19 +69,29 @@ class FitFile:
     """A file that a state is kept in.
 
     Args:
-        path: of the file.
+        path: of the file; None: nothing is kept.
         key: what the fit is of. A file of another fit is not continued.
     """
 
-    path: Path
+    path: Path | None
     key: str = field(repr=False)
+
+    @staticmethod
+    def of(path: Path | None, starts: Iterable[Array], *settings: object) -> FitFile:
+        """The file of a fit, which is told from others by what it may start from, and by how it goes on."""
+        found = hashlib.sha256()
+        for values in starts if path is not None else ():
+            found.update(values.tobytes())
+        found.update(json.dumps([str(each) for each in settings]).encode())
+        return FitFile(path, found.hexdigest())
 
     def save(self, state: FitState) -> None:
         """Replaces the file, as a whole. OutputError: the file cannot be written."""
-        arrays = {name: getattr(state, name) for name in _ARRAYS}
-        arrays |= {name: getattr(state.moments, name) for name in _MOMENTS}
-        about = {"key": self.key, **{name: getattr(state, name) for name in _COUNTS}}
-        checkpoint_at(self.path).save(about, arrays)
+        if self.path is not None:
+            arrays = {name: getattr(state, name) for name in _ARRAYS}
+            arrays |= {name: getattr(state.moments, name) for name in _MOMENTS}
+            about = {"key": self.key, **{name: getattr(state, name) for name in _COUNTS}}
+            checkpoint_at(self.path).save(about, arrays)
 
     def load(self) -> FitState | None:
         """The state in the file; None where there is none.
@@ -103,7 +99,7 @@ class FitFile:
         Raises:
             InputError: a file that is broken, or of another fit.
         """
-        if not self.path.exists():
+        if self.path is None or not self.path.exists():
             return None
         about, arrays = checkpoint_at(self.path).load()
         if about.get("key") != self.key:
@@ -135,33 +131,22 @@ class FitFile:
                     "the references changed: delete it, or choose another file"
                 )
 
+    @contextmanager
+    def keeping(self, state: FitState) -> Iterator[None]:
+        """Keeps the state, whatever ends what is done with it.
+
+        Raises:
+            RendererError: the renderer failed; it names the file.
+        """
+        try:
+            yield
+        except BaseException as error:
+            self.save(state)
+            if self.path is None or not isinstance(error, RendererError):
+                raise
+            raise RendererError(f"{error}\nWhat was fitted so far is kept in {self.path}.") from error
+
 
 def checkpoint_at(path: Path) -> Checkpoint:
     """A file that a fit is kept in."""
     return Checkpoint(path, "fit", _FORMAT)
-
-
-@contextmanager
-def kept_in(file: FitFile | None, state: FitState) -> Iterator[None]:
-    """Keeps the state in the file, where there is one, whatever ends what is done with it.
-
-    Raises:
-        RendererError: the renderer failed; it names the file.
-    """
-    try:
-        yield
-    except BaseException as error:
-        if file is not None:
-            file.save(state)
-        if file is None or not isinstance(error, RendererError):
-            raise
-        raise RendererError(f"{error}\nWhat was fitted so far is kept in {file.path}.") from error
-
-
-def key_of(starts: Iterable[Array], *settings: object) -> str:
-    """Names a fit by what it may start from, and by how it goes on."""
-    found = hashlib.sha256()
-    for values in starts:
-        found.update(values.tobytes())
-    found.update(json.dumps([str(each) for each in settings]).encode())
-    return found.hexdigest()
