@@ -1,8 +1,8 @@
 """The renderer `three`: three.js in headless Chromium, a shader that nobody would differentiate.
 
 three.js is not a part of mipbake: npm brings it. A page in `three_page` draws with it. The page asks a server in this
-process for jobs, and sends back what it drew, as plain bytes: `page.js` says how they are laid out. Only processes of
-this machine reach the server, and only who knows the address, which holds a secret.
+process for jobs, which `page.js` says the bytes of, and sends back what it drew. Only processes of this machine reach
+the server, and only who knows the address, which holds a secret.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Mapping
+from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
 from pathlib import Path
@@ -30,7 +31,6 @@ from mipbake.comparing.meshes.mesh import Mesh
 from mipbake.fitting.program import Frame, SharedMaps, serve
 from mipbake.fitting.protocol import check_model, view_of
 from mipbake.fitting.renderer import write_bytes
-from mipbake.fitting.views import View
 
 THREE = "0.187.0"
 """The version of the npm package `three` that this was tried with."""
@@ -75,7 +75,6 @@ _ROLES: Mapping[str, Mapping[str, int]] = {
 
 _KINDS = {".html": "text/html; charset=utf-8", ".js": "text/javascript"}
 _IDLE_SECONDS = 20.0  # until the page asks again; a guess that is well below every limit of a browser
-_HEAD = 4  # bytes of the number before a header
 
 
 class ThreeRenderer:
@@ -94,7 +93,7 @@ class ThreeRenderer:
         self._jobs: queue.Queue[bytes] = queue.Queue()
         self._results: queue.Queue[bytes | str] = queue.Queue()
         self._meshes: dict[Mesh, int] = {}
-        self._set: tuple[object, int] = None, 0
+        self._shape: object = None
         self._where: dict[str, NDArray[np.float32]] = {}
         self._chromium: subprocess.Popen[bytes] | None = None
 
@@ -108,7 +107,8 @@ class ThreeRenderer:
         if self._material not in MATERIALS:
             raise UsageError(f"three.js has no material {self._material!r} here: expected {', '.join(MATERIALS)}")
         root = f"/{secrets.token_urlsafe()}/"
-        handler = type("Handler", (_Handler,), {"root": root, "three": three_folder(), "owner": self})
+        own = {"root": root, "three": three_folder(), "jobs": self._jobs, "results": self._results}
+        handler = type("Handler", (_Handler,), own)
         server = ThreadingHTTPServer(("127.0.0.1", 0), handler)
         threading.Thread(target=server.serve_forever, daemon=True).start()
         address = f"http://127.0.0.1:{server.server_port}{root}page.html"
@@ -118,7 +118,7 @@ class ThreeRenderer:
         except OSError as error:
             raise RendererError(f"{command[0]} does not start ({error}): expected Chromium") from error
         threading.Thread(target=self._watch, args=[self._chromium], daemon=True).start()
-        self._answer()
+        self._answer()  # the page is ready
         return f"three ({self._material})"
 
     def render(self, maps: SharedMaps, content: dict[str, Any]) -> Frame:
@@ -137,37 +137,37 @@ class ThreeRenderer:
         check_model("three", maps.model)
         roles = [role for role, own in _ROLES.items() if set(own) <= set(maps.maps)]
         shape = maps.model, sizes, maps.wrap
-        if self._set[0] != shape:
-            self._set = shape, self._set[1] + 1
         changed = [(level, *part) for level, parts in enumerate(maps.changed) for part in parts]
         arrays: dict[str, NDArray[Any]] = {
             f"{role} {index}": _texels(maps, part, role) for index, part in enumerate(changed) for role in roles
         }
-        if view.mesh not in self._meshes:
-            arrays |= _geometry(view.mesh)
-            self._meshes[view.mesh] = len(self._meshes)
+        if (mesh := view.mesh) not in self._meshes:
+            attributes = {"position": mesh.positions, "normal": mesh.normals, "uv": mesh.uv, "tangent": mesh.tangents}
+            arrays |= {name: values.astype(np.float32) for name, values in attributes.items()}
+            arrays["index"] = mesh.triangles.astype(np.uint32)
+            self._meshes[mesh] = len(self._meshes)
         # Where pixels look up is the same whatever the texels are. Views that are moved for references come once.
         key = str((content, shape))
         where = self._where.get(key)
+        eye = view.camera.view_matrix()
+        projection = view.matrix() @ np.linalg.inv(eye)  # the offset is in it
         header = {
             "size": view.size,
-            "camera": _camera(view),
+            "view": eye.T.ravel().tolist(),
+            "projection": projection.T.ravel().tolist(),
             "lights": np.concatenate([view.lighting.direction, view.lighting.radiance], -1).tolist(),
-            "mesh": self._meshes[view.mesh],
-            "meshes": list(self._meshes.values()),
-            "set": self._set[1],
-            "sets": [self._set[1]],
+            "mesh": self._meshes[mesh],
+            "fresh": shape != self._shape,
             "sizes": sizes,
             "wrap": maps.wrap,
             "roles": roles,
             "changed": changed,
             "material": self._material,
-            "anisotropy": 1,
             "where": where is None,
         }
+        self._shape = shape
         self._jobs.put(_packed(header, arrays))
-        found = self._answer()
-        image, *rest = (values.reshape(*view.size, -1)[::-1] for values in found.values())  # rows from the top
+        image, *rest = np.frombuffer(self._answer(), "<f4").reshape(-1, *view.size, 4)[:, ::-1]  # rows from the top
         if where is None:
             [where] = rest
             if view.offset == (0.0, 0.0):
@@ -180,31 +180,15 @@ class ThreeRenderer:
             self._chromium.kill()
             self._chromium.wait()
 
-    def next_job(self, result: bytes) -> bytes:
-        """Takes what came of a job, where it is not empty, and gives the next one; nothing where there is none yet."""
-        if result:
-            self._results.put(result)
-        try:
-            return self._jobs.get(timeout=_IDLE_SECONDS)
-        except queue.Empty:
-            return b""
-
-    def fail(self, sentence: str) -> None:
-        """Ends what waits for an answer."""
-        self._results.put(sentence)
-
     def _watch(self, chromium: subprocess.Popen[bytes]) -> None:
-        self.fail(f"Chromium ended with status {chromium.wait()}")
+        self._results.put(f"Chromium ended with status {chromium.wait()}")
 
-    def _answer(self) -> dict[str, NDArray[Any]]:
-        """Arrays of what the page sends."""
+    def _answer(self) -> bytes:
+        """What the page sends."""
         found = self._results.get()
         if isinstance(found, str):
             raise RendererError(found)
-        header, arrays = _unpacked(found)
-        if "error" in header:
-            raise RendererError(f"three.js could not render ({' '.join(header['error'].split())})")
-        return arrays
+        return found
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -212,11 +196,13 @@ class _Handler(BaseHTTPRequestHandler):
 
     Args:
         root: how all paths begin. three: the folder of three.js.
+        jobs: for the page. results: what it sends; a text where there will be none.
     """
 
     root: str
     three: Path
-    owner: ThreeRenderer
+    jobs: queue.Queue[bytes]
+    results: queue.Queue[bytes | str]
     protocol_version = "HTTP/1.1"
     disable_nagle_algorithm = True  # else small answers wait for 40 ms
 
@@ -231,19 +217,21 @@ class _Handler(BaseHTTPRequestHandler):
             self._send(200, file.read_bytes(), _KINDS[Path(name).suffix])
 
     def do_POST(self) -> None:
-        """`next` brings a result, if there is one, and gets a job; `error` and `note` bring words."""
+        """`next` brings a result, if there is one, and gets a job, if there is one; `error` and `note` bring words."""
         body, path = self.rfile.read(int(self.headers.get("Content-Length", 0))), self._asked_for()
-        words = " ".join(body.decode("utf-8", "replace").split()) if path in ("error", "note") else ""
+        status, answer = 200, b""
         if path == "next":
-            self._send(200, self.owner.next_job(body))
+            if body:
+                self.results.put(body)
+            with suppress(queue.Empty):
+                answer = self.jobs.get(timeout=_IDLE_SECONDS)
         elif path == "error":
-            self.owner.fail(f"the page of three.js failed ({words})")
-            self._send(200, b"")
+            self.results.put(f"the page of three.js failed ({_words(body)})")
         elif path == "note":
-            print(words, file=sys.stderr, flush=True)
-            self._send(200, b"")
+            print(_words(body), file=sys.stderr, flush=True)
         else:
-            self._send(404, b"")
+            status = 404
+        self._send(status, answer)
 
     def log_message(self, format: str, *args: Any) -> None:
         """Nobody reads it."""
@@ -288,18 +276,8 @@ def _program() -> str:
     )
 
 
-def _geometry(mesh: Mesh) -> dict[str, NDArray[Any]]:
-    attributes = {"position": mesh.positions, "normal": mesh.normals, "uv": mesh.uv, "tangent": mesh.tangents}
-    return {name: values.astype(np.float32) for name, values in attributes.items()} | {
-        "index": mesh.triangles.astype(np.uint32)
-    }
-
-
-def _camera(view: View) -> dict[str, list[float]]:
-    """Matrices, a column at a time. The projection holds the offset."""
-    eye = view.camera.view_matrix()
-    projection = view.matrix() @ np.linalg.inv(eye)
-    return {"view": eye.T.ravel().tolist(), "projection": projection.T.ravel().tolist()}
+def _words(body: bytes) -> str:
+    return " ".join(body.decode("utf-8", "replace").split())
 
 
 def _texels(maps: SharedMaps, part: tuple[int, int, int, int, int], role: str) -> NDArray[np.uint8]:
@@ -314,18 +292,8 @@ def _texels(maps: SharedMaps, part: tuple[int, int, int, int, int], role: str) -
 def _packed(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> bytes:
     listed = [(name, str(values.dtype), values.size) for name, values in arrays.items()]
     text = json.dumps({**header, "arrays": listed}).encode()
-    text += b" " * (-(_HEAD + len(text)) % 8)
+    text += b" " * (-(4 + len(text)) % 8)
     return b"".join([struct.pack("<I", len(text)), text, *(np.ascontiguousarray(v).data for v in arrays.values())])
-
-
-def _unpacked(body: bytes) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    (length,) = struct.unpack_from("<I", body)
-    header = json.loads(body[_HEAD : _HEAD + length])
-    arrays, at = {}, _HEAD + length
-    for name, kind, count in header["arrays"]:
-        arrays[name] = np.frombuffer(body, kind, count, at)
-        at += arrays[name].nbytes
-    return header, arrays
 
 
 def main() -> None:

@@ -1,8 +1,8 @@
 // Asks the server for jobs, one after the other: an answer holds a job, and what came of it goes out with the next request.
 //
-// Bodies are, in both directions: the length of a header in bytes (uint32), the header in JSON with blanks behind it, and arrays. The
-// first number and the header together have a length that 8 divides. A header's `arrays` lists name, type and length.
-import { describe, frame } from './scene.js';
+// A job is the length of a header in bytes (uint32), the header in JSON with blanks behind it, and arrays. The first number and
+// the header together have a length that 8 divides. A header's `arrays` lists name, type and length. What comes of it is pixels.
+import { frame } from './scene.js';
 
 const TYPES = { float32: Float32Array, uint32: Uint32Array, uint8: Uint8Array };
 
@@ -18,26 +18,7 @@ function unpacked(body) {
   return [header, arrays];
 }
 
-function packed(header, arrays) {
-  const listed = Object.entries(arrays).map(([name, values]) => [
-    name, values.constructor.name.replace('Array', '').toLowerCase(), values.length]);
-  let text = new TextEncoder().encode(JSON.stringify({ ...header, arrays: listed }));
-  const blanks = (8 - (4 + text.length) % 8) % 8;
-  const first = new DataView(new ArrayBuffer(4));
-  first.setUint32(0, text.length + blanks, true);
-  return new Blob([first, text, new Uint8Array(blanks).fill(32), ...Object.values(arrays)]);
-}
-
-function done(body) {
-  const [header, arrays] = unpacked(body);
-  try {
-    return packed({ job: header.job }, frame(header, arrays));
-  } catch (error) {
-    return packed({ job: header.job, error: String(error) }, {});
-  }
-}
-
-let result = packed({ job: 0, ...describe() }, {});
+let result = 'ready';
 for (;;) {
   let answer;
   try {
@@ -46,6 +27,11 @@ for (;;) {
     break; // the server has gone, so nobody needs this browser any more
   }
   const body = await answer.arrayBuffer();
-  result = body.byteLength > 0 ? done(body) : null; // there was no job for a while: ask again
+  result = null; // there was no job for a while: ask again
+  try {
+    if (body.byteLength > 0) result = new Blob(frame(...unpacked(body)));
+  } catch (error) {
+    report('error', error);
+  }
 }
 window.close();

@@ -28,7 +28,7 @@ mesh.frustumCulled = false;
 const lit = new THREE.Scene();
 const bare = new THREE.Scene(); // without lights
 const geometries = new Map(); // by their numbers
-const sets = new Map(); // textures with a material, by their numbers
+let set = null; // textures with a material
 const lights = [];
 const at = new THREE.Vector2();
 let target = null;
@@ -54,30 +54,25 @@ const where = new THREE.ShaderMaterial({
     }`,
 });
 
-export function describe() {
-  const info = gl.getExtension('WEBGL_debug_renderer_info');
-  return { three: THREE.REVISION, gpu: gl.getParameter(info ? info.UNMASKED_RENDERER_WEBGL : gl.RENDERER) };
-}
-
-// `image`: RGBA, A 1 where the mesh is; `where`, when it is asked for: u, v, level of detail, 1. Bottom row first.
+// RGBA of the picture, A 1 where the mesh is; and when it is asked for, u, v, level of detail, 1. Bottom row first.
 export function frame(header, arrays) {
-  const set = arranged(header, arrays);
-  const found = { image: drawn(lit, set.material, header.camera, header.size) };
+  arrange(header, arrays);
+  const found = [drawn(lit, set.material, header)];
   if (header.where) {
     where.uniforms.levels.value = set.numbers;
-    found.where = drawn(bare, where, header.camera, header.size);
+    found.push(drawn(bare, where, header));
   }
   return found;
 }
 
-// Lays out what a job names: mesh, lights, textures. What comes with the job is kept; what it does not name is dropped.
-function arranged(header, arrays) {
-  forget(geometries, header.meshes, (geometry) => geometry.dispose());
-  forget(sets, header.sets, disposeSet);
+// Lays out what a job names: mesh, lights, textures.
+function arrange(header, arrays) {
   if (arrays.position) geometries.set(header.mesh, geometryOf(arrays));
   mesh.geometry = geometries.get(header.mesh);
-  if (!sets.has(header.set)) sets.set(header.set, setOf(header));
-  const set = sets.get(header.set);
+  if (header.fresh) {
+    if (set) [...Object.values(set.textures), set.numbers, set.material].forEach((each) => each.dispose());
+    set = setOf(header);
+  }
   header.changed.forEach(([level, row, column, height, width], index) => {
     at.set(column, row);
     for (const role of header.roles) {
@@ -86,15 +81,6 @@ function arranged(header, arrays) {
     }
   });
   shine(header.lights);
-  return set;
-}
-
-function forget(kept, wanted, dispose) {
-  for (const [number, each] of kept) {
-    if (wanted.includes(number)) continue;
-    dispose(each);
-    kept.delete(number);
-  }
 }
 
 function geometryOf({ position, normal, uv, tangent, index }) {
@@ -120,13 +106,13 @@ function shine(wanted) {
   });
 }
 
-function setOf({ roles, sizes, wrap, anisotropy, material }) {
+function setOf({ roles, sizes, wrap, material }) {
   const four = { format: THREE.RGBAFormat, type: THREE.UnsignedByteType };
   const one = { format: THREE.RedFormat, type: THREE.HalfFloatType };
-  const textures = Object.fromEntries(roles.map((role) => [role, textureOf(sizes, wrap, anisotropy, four)]));
+  const textures = Object.fromEntries(roles.map((role) => [role, textureOf(sizes, wrap, four)]));
   // Their texels come in parts, straight to the GPU: there is room for them, and nothing here.
   Object.values(textures).forEach((texture) => { texture.source.dataReady = false; });
-  const numbers = textureOf(sizes, wrap, anisotropy, one);
+  const numbers = textureOf(sizes, wrap, one);
   levelsOf(numbers).forEach((level, number) => {
     level.data = new Uint16Array(level.width * level.height).fill(THREE.DataUtils.toHalfFloat(number));
   });
@@ -140,12 +126,8 @@ function setOf({ roles, sizes, wrap, anisotropy, material }) {
   return { textures, numbers, material: made };
 }
 
-function disposeSet({ textures, numbers, material }) {
-  [...Object.values(textures), numbers, material].forEach((each) => each.dispose());
-}
-
 // Without texels.
-function textureOf(sizes, wrap, anisotropy, { format, type }) {
+function textureOf(sizes, wrap, { format, type }) {
   const levels = sizes.map(([height, width]) => ({ data: null, width, height }));
   const [{ width, height }] = levels;
   const texture = new THREE.DataTexture(null, width, height, format, type);
@@ -155,7 +137,6 @@ function textureOf(sizes, wrap, anisotropy, { format, type }) {
   texture.magFilter = THREE.LinearFilter;
   texture.minFilter = levels.length > 1 ? THREE.LinearMipmapLinearFilter : THREE.LinearFilter;
   texture.generateMipmaps = false;
-  texture.anisotropy = anisotropy;
   return texture;
 }
 
@@ -164,13 +145,7 @@ function levelsOf(texture) {
 }
 
 // Float32Array of RGBA, bottom row first.
-function drawn(scene, material, eye, size) {
-  draw(scene, material, eye, size);
-  return pixels(target);
-}
-
-// Draws into `target`.
-function draw(scene, material, { view, projection }, size) {
+function drawn(scene, material, { view, projection, size }) {
   target = sized(target, size);
   camera.matrix.fromArray(view).invert();
   camera.projectionMatrix.fromArray(projection);
@@ -181,6 +156,12 @@ function draw(scene, material, { view, projection }, size) {
   renderer.setRenderTarget(target);
   renderer.clear();
   renderer.render(scene, camera);
+  const found = new Float32Array(4 * target.width * target.height);
+  renderer.readRenderTargetPixels(target, 0, 0, target.width, target.height, found);
+  if (gl.isContextLost()) throw new Error('the WebGL context was lost');
+  const wrong = gl.getError();
+  if (wrong !== gl.NO_ERROR) throw new Error(`WebGL says error ${wrong}`);
+  return found;
 }
 
 // A float target of a size: the one that is given, where it has that size. What another one holds goes.
@@ -189,13 +170,4 @@ function sized(old, [height, width]) {
   old?.dispose();
   const nearest = { minFilter: THREE.NearestFilter, magFilter: THREE.NearestFilter };
   return new THREE.WebGLRenderTarget(width, height, { type: THREE.FloatType, ...nearest });
-}
-
-function pixels(of) {
-  const found = new Float32Array(4 * of.width * of.height);
-  renderer.readRenderTargetPixels(of, 0, 0, of.width, of.height, found);
-  if (gl.isContextLost()) throw new Error('the WebGL context was lost');
-  const wrong = gl.getError();
-  if (wrong !== gl.NO_ERROR) throw new Error(`WebGL says error ${wrong}`);
-  return found;
 }
