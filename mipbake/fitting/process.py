@@ -15,10 +15,10 @@ import threading
 import time
 import weakref
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack, suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
 from pathlib import Path
-from types import TracebackType
 from typing import IO, Any
 
 from mipbake.base.errors import RendererError, UsageError
@@ -94,12 +94,10 @@ class ProcessRenderer:
         with ExitStack() as held:
             folder = held.enter_context(begun(place(), lambda path: path.mkdir(mode=0o700)))
             with uninterrupted():
-                program = _Program(self._command, folder)
+                program = _Program(self._command, folder, self._timeout)
                 held.callback(program.kill)
-            try:
-                answer = program.ask("hello", {"folder": str(folder)}, self._timeout, "start and say hello")
-            except RendererError as error:
-                raise program.failed(error) from error
+            with program.quoted():
+                answer = program.ask("hello", {"folder": str(folder)}, "start and say hello")
             self.called = answer["renderer"]
             with uninterrupted():
                 self._running = program, weakref.finalize(self, held.pop_all().close)
@@ -119,15 +117,14 @@ class ProcessRenderer:
         """
         program = self.start()
         try:
-            return program.render(levels, view, self._timeout)
-        except BaseException as error:
+            with program.quoted():
+                return program.render(levels, view)
+        except BaseException:
             self._kill()
-            if isinstance(error, RendererError):
-                raise program.failed(error) from error
             raise
 
     def close(self) -> None:
-        """Asks the program to end, gives it some seconds, and ends it; removes what was exchanged. Twice is once."""
+        """Asks the program to end, gives it some seconds, and ends it; removes what was exchanged."""
         if self._running is not None:
             try:
                 self._running[0].end()
@@ -137,10 +134,8 @@ class ProcessRenderer:
     def __enter__(self) -> ProcessRenderer:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if kind is None or issubclass(kind, Exception):
+    def __exit__(self, _kind: object, error: BaseException | None, _trace: object) -> None:
+        if error is None or isinstance(error, Exception):
             self.close()
         else:
             self._kill()
@@ -156,14 +151,14 @@ class _Program:
     neither side ever waits for the other.
 
     Args:
-        command: the program and its arguments. folder: for the files, best in memory.
+        command: the program and its arguments. folder: for the files, best in memory. seconds: for each answer.
 
     Raises:
         RendererError: it cannot be started.
     """
 
-    def __init__(self, command: Sequence[str], folder: Path) -> None:
-        self._exchange = Exchange(folder)
+    def __init__(self, command: Sequence[str], folder: Path, seconds: float) -> None:
+        self._exchange, self._seconds = Exchange(folder), seconds
         self._answers: queue.SimpleQueue[dict[str, Any] | None] = queue.SimpleQueue()
         self._lines: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
         self._printed: dict[str, deque[bytes]] = {name: deque(maxlen=_KEPT) for name in ("output", "error")}
@@ -182,25 +177,23 @@ class _Program:
                 f"the renderer {command[0]} cannot be started ({getattr(error, 'strerror', None) or error}): expected "
                 "a program and its arguments"
             ) from error
-        process = self._process
-        assert process.stdin and process.stdout and process.stderr
-        self._threads = {
-            process.stdin: threading.Thread(target=self._feed, args=[process.stdin], daemon=True),
-            process.stdout: threading.Thread(target=self._listen, args=[process.stdout], daemon=True),
-            process.stderr: threading.Thread(
-                target=_read, args=[process.stderr, self._printed["error"].append], daemon=True
-            ),
-        }
-        for thread in self._threads.values():
-            thread.start()
+        self._threads: dict[IO[bytes], threading.Thread] = {}
+        for stream, target in (
+            (self._process.stdin, self._feed),
+            (self._process.stdout, self._listen),
+            (self._process.stderr, partial(_read, take=self._printed["error"].append)),
+        ):
+            assert stream
+            self._threads[stream] = threading.Thread(target=target, args=[stream], daemon=True)
+            self._threads[stream].start()
 
-    def render(self, levels: Levels, view: View | JsonView, seconds: float) -> Frame:
+    def render(self, levels: Levels, view: View | JsonView) -> Frame:
         """The frame of a view. Raises as `ProcessRenderer.render`."""
         content = view_as_json(view, self._exchange.mesh)
         request = {"levels": self._exchange.hand(levels), "view": content, "frame": str(self._exchange.frame)}
-        return self._exchange.taken(self.ask("render", request, seconds, f"render {view.name}"))
+        return self._exchange.taken(self.ask("render", request, f"render {view.name}"))
 
-    def ask(self, request: str, content: Mapping[str, Any], seconds: float, doing: str) -> dict[str, Any]:
+    def ask(self, request: str, content: Mapping[str, Any], doing: str) -> dict[str, Any]:
         """Sends a request, and gives the answer.
 
         Args:
@@ -211,7 +204,7 @@ class _Program:
             UsageError: the content cannot be written, or the program says that it is of no use.
         """
         self._lines.put(request_line(request, content))
-        end, dead = time.monotonic() + seconds, False
+        end, dead = time.monotonic() + self._seconds, False
         while (rest := end - time.monotonic()) > 0:
             try:
                 answer = self._answers.get(timeout=min(rest, _LOOK))  # Python handles signals in between
@@ -225,29 +218,30 @@ class _Program:
             check_answer(answer, "hello" if request == "hello" else "frame")
             return answer
         raise RendererError(
-            f"the renderer did not {doing} within {seconds:g} seconds, and was stopped: see what it printed, or give "
-            "it more time"
+            f"the renderer did not {doing} within {self._seconds:g} seconds, and was stopped: see what it printed, or "
+            "give it more time"
         )
 
-    def failed(self, error: RendererError) -> RendererError:
-        """The same error with the last lines of both streams, once the program is ended."""
-        self.kill()
-        parts = []
-        for name, lines in self._printed.items():
-            shown = [text for line in lines.copy() if (text := _shown(line))]
-            if shown:
-                parts.append("\n  ".join([f"last on its standard {name}:", *shown]))
-        return RendererError(f"{error}\n" + ("\n".join(parts) or "it printed nothing"))
+    @contextmanager
+    def quoted(self) -> Iterator[None]:
+        """Ends the program after a RendererError, which then has the last lines of both streams."""
+        try:
+            yield
+        except RendererError as error:
+            self.kill()
+            parts = []
+            for name, lines in self._printed.items():
+                shown = [text for line in lines.copy() if (text := _shown(line))]
+                if shown:
+                    parts.append("\n  ".join([f"last on its standard {name}:", *shown]))
+            raise RendererError(f"{error}\n" + ("\n".join(parts) or "it printed nothing")) from error
 
     def end(self) -> None:
-        """Asks the program to end, and closes its standard input; then kills what is left."""
-        try:
-            self._lines.put(request_line("end", {}))
-            self._lines.put(None)
-            with suppress(subprocess.TimeoutExpired):
-                self._process.wait(_END)
-        finally:
-            self.kill()
+        """Asks the program to end, and closes its standard input."""
+        self._lines.put(request_line("end", {}))
+        self._lines.put(None)
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(_END)
 
     def kill(self) -> None:
         """Ends the program and all of its group at once, and lets go of its files. What it has printed is still read.
