@@ -35,7 +35,7 @@ _ROOM = 4 << 30
 _MESHES = 512
 """Meshes whose files are kept for later views."""
 
-_ATTRIBUTES = (("POSITION", "VEC3"), ("NORMAL", "VEC3"), ("TEXCOORD_0", "VEC2"), ("TANGENT", "VEC4"))
+_ATTRIBUTES = ("POSITION", "NORMAL", "TEXCOORD_0", "TANGENT")
 _FLOAT, _UINT = 5126, 5125  # component types, section 3.6.2.2 of the specification of glTF 2.0
 
 
@@ -54,20 +54,15 @@ class Exchange:
 
     def hand(self, levels: Levels) -> dict[str, Any]:
         """Writes the texels that the program has not got, and returns what the request says of all of them.
-
-        Raises:
-            OutputError: there is no room.
-        """
+        OutputError: there is no room."""
         widths = {name: each[0].shape[2] for name, each in levels.maps.items()}
         layout = levels.model, tuple(levels.wrap), widths, levels.sizes
-        if layout != self._layout:
+        if self._map is None or layout != self._layout:
             self.close()
-            self._layout, self._stamps = None, None
+            self._layout, self._stamps = layout, None
             self._file = self._new("maps", "f32")
             self._map = _mapped(self._file, sum(4 * level.size for each in levels.maps.values() for level in each))
-            self._layout = layout
         changed, self._stamps = levels.changed(self._stamps), levels.stamps
-        assert self._map is not None
         at = 0
         for index, parts in enumerate(changed):
             for maps in levels.maps.values():
@@ -85,11 +80,7 @@ class Exchange:
         return {**about, "file": str(self._file)}
 
     def mesh(self, mesh: Mesh) -> Path:
-        """The file of a mesh, which is written where it is not there. Meshes are told apart by identity.
-
-        Raises:
-            OutputError: there is no room.
-        """
+        """The file of a mesh, which is written where it is not there. OutputError: there is no room."""
         if mesh not in self._meshes:
             file = self._new("mesh", "glb")
             try:
@@ -102,11 +93,7 @@ class Exchange:
         return self._meshes[mesh]
 
     def taken(self, answer: Mapping[str, Any]) -> Frame:
-        """The frame that an answer is about; its file is removed.
-
-        Raises:
-            RendererError: there is none, or it is cut short. What else it lacks is for others to say.
-        """
+        """The frame that an answer is about; its file is removed. RendererError: there is none, or it is cut short."""
         shapes = answer.get("arrays")
         if not isinstance(shapes, dict) or "image" not in shapes:
             raise RendererError('the frame of the renderer shows nothing: expected an object "arrays" with an image')
@@ -184,25 +171,23 @@ def place() -> Path:
 
 def glb_of(mesh: Mesh) -> bytes:
     """A mesh as a GLB file: one node without a transform, one primitive with indices, all numbers of 32 bits."""
-    arrays = [np.asarray(a, "<f4") for a in (mesh.positions, mesh.normals, mesh.uv, mesh.tangents)]
-    indices = np.asarray(mesh.triangles, "<u4").reshape(-1)
-    accessors: list[dict[str, Any]] = [
-        {"bufferView": index, "componentType": _FLOAT, "count": len(array), "type": kind}
-        for index, (array, (_, kind)) in enumerate(zip(arrays, _ATTRIBUTES, strict=True))
-    ]
-    accessors[0] |= {"min": arrays[0].min(0).tolist(), "max": arrays[0].max(0).tolist()}
-    accessors.append({"bufferView": len(arrays), "componentType": _UINT, "count": len(indices), "type": "SCALAR"})
+    arrays: list[NDArray[Any]] = [np.asarray(mesh.triangles, "<u4").reshape(-1)]
+    arrays += [np.asarray(each, "<f4") for each in (mesh.positions, mesh.normals, mesh.uv, mesh.tangents)]
+    accessors: list[dict[str, Any]] = []
     views, data = [], b""
-    for array in (*arrays, indices):
+    for index, array in enumerate(arrays):
+        component, kind = (_FLOAT, f"VEC{array.shape[1]}") if index else (_UINT, "SCALAR")
+        accessors.append({"bufferView": index, "componentType": component, "count": len(array), "type": kind})
         views.append({"buffer": 0, "byteOffset": len(data), "byteLength": array.nbytes})
         data += array.tobytes()
-    attributes = {name: index for index, (name, _) in enumerate(_ATTRIBUTES)}
+    accessors[1] |= {"min": arrays[1].min(0).tolist(), "max": arrays[1].max(0).tolist()}
+    attributes = {name: index for index, name in enumerate(_ATTRIBUTES, 1)}
     document = {
         "asset": {"version": "2.0", "generator": "mipbake"},
         "scene": 0,
         "scenes": [{"nodes": [0]}],
         "nodes": [{"mesh": 0}],
-        "meshes": [{"name": mesh.name, "primitives": [{"attributes": attributes, "indices": len(arrays), "mode": 4}]}],
+        "meshes": [{"name": mesh.name, "primitives": [{"attributes": attributes, "indices": 0, "mode": 4}]}],
         "accessors": accessors,
         "bufferViews": views,
         "buffers": [{"byteLength": len(data)}],

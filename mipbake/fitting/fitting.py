@@ -64,18 +64,8 @@ def fit(
 ) -> MipStack:
     """Optimises every texel of a stack in a renderer that only renders, so that it shows what the reference shows.
 
-    Each step takes a view. All texels that show in it are perturbed by random signs, up to the quantisation step of
-    files of 8 bits, and the view is rendered twice. Each pixel's difference of errors is credited to the texels that
-    this pixel looked up (equation 8), and Adam moves these. After each round over the views, views that are held out
-    say of each level whether it is the best so far, and the best ones are kept. Then numbers that all texels of a level
-    share are found by least squares, see `mipbake.fitting.shared`. A level that gained nothing stays as it was. In the
-    end views *apart*, which nothing was learned from or chosen by, say what was gained.
-
-    With a budget a fit begins with few views and coarse references; there are more and better ones as it goes on. A
-    first stack that gained is there within a tenth of the budget, where a tenth is enough to prepare ten views.
-
-    Images are compared as linear radiance, and as a display shows them: sRGB of x / (1 + x), exposed by the median of
-    the reference (docs/conventions.md, section 4). What one of the two loses counts several times what the other gains.
+    docs/fit.md says how. A level that gained nothing stays as it was. Images are compared as linear radiance, and as a
+    display shows them: sRGB of x / (1 + x), exposed by the median of the reference (docs/conventions.md, section 4).
 
     Args:
         stack: where the fit starts; of any material model; or the folder that it was saved in.
@@ -111,8 +101,7 @@ def fit(
 
     Raises:
         UsageError: settings that make no sense, others of another model or size, no reference, or no renderer.
-        RendererError: the renderer failed, or gave something that is no frame: another size, values that are not
-            finite, no uv, no lod; or its pictures do not follow the maps.
+        RendererError: the renderer failed, gave something that is no frame, or its pictures do not follow the maps.
         InputError, OutputError: a checkpoint of another fit, renderer or reference, or one that cannot be written.
 
     Warns:

@@ -1,17 +1,7 @@
 """The renderer `gl`: a view in OpenGL, shaded by a fragment shader that anyone may write.
 
 It runs wherever there is OpenGL 3.3 over EGL, with a GPU or with Mesa's llvmpipe on a CPU. The user's part is one
-function in GLSL 3.30. A whole one is this:
-
-    vec3 shade(Surface s) {
-        vec3 n = normalize(s.frame * (look_up(normal_map).xyz * 2.0 - 1.0));
-        vec3 total = vec3(0.0);
-        for (int i = 0; i < light_count; i++)
-            total += max(dot(n, light_directions[i]), 0.0) * light_radiances[i];
-        return look_up(base_color_map).rgb / 3.14159265 * total;
-    }
-
-What stands around it declares what the function may use:
+function in GLSL 3.30, `vec3 shade(Surface s)`. docs/fit.md has one, and `shaders` has more. It may use:
 
 - `struct Surface { vec2 uv; vec3 position; mat3 frame; vec3 view; }`. `uv` has v pointing down. `position` is in the
   world. `frame` takes vectors from the tangent frame to the world: its columns are t, b and n of the mesh, orthonormal,
@@ -23,12 +13,12 @@ What stands around it declares what the function may use:
 - `uniform int light_count` and `uniform vec3 light_directions[MAX_LIGHTS], light_radiances[MAX_LIGHTS]`. Directions are
   unit vectors to the light, in the world. A radiance is the irradiance of a surface that faces the light.
 
-Names that begin with `mipbake_` belong to what stands around. The `#version` line is written there, too.
+Names that begin with `mipbake_` belong to what stands around, and so does the line `#version`.
 
-`look_up` is recommended. `texture(map, s.uv)` works, as an engine has it, but a driver may choose its level of detail:
-llvmpipe has one for every 2 x 2 pixels, and takes the longer derivative for the longer axis. Gradients then go to the
-wrong share of levels. A lookup elsewhere than at `s.uv`, as parallax mapping does, leads gradients to the wrong texels.
-A `discard` would leave pixels in the picture of places that show nothing.
+`look_up` is recommended. `texture(map, s.uv)` works, but a driver may choose its level of detail: llvmpipe has one for
+every 2 x 2 pixels, and takes the longer derivative for the longer axis. Gradients then go to the wrong share of levels.
+A lookup elsewhere than at `s.uv` leads gradients to the wrong texels. A `discard` would leave pixels in the picture of
+places that show nothing.
 """
 
 from __future__ import annotations
@@ -132,11 +122,7 @@ void main() {
 
 
 def shader_source(name: str) -> str:
-    """GLSL of a shader in `SHADERS`, or of a file.
-
-    Raises:
-        UsageError: there is none, or it cannot be read.
-    """
+    """GLSL of a shader in `SHADERS`, or of a file. UsageError: there is none, or it cannot be read."""
     if name in SHADERS:
         return (files("mipbake.fitting") / "shaders" / f"{name}.glsl").read_text(encoding="utf-8")
     try:
@@ -151,14 +137,13 @@ def shader_source(name: str) -> str:
 class GlRenderer:
     """Renders views with a fragment shader of the user's. It belongs to the thread that started it.
 
-    Textures, meshes and pictures of the same sizes stay where they are from one call to the next.
-
     Args:
-        shader: the name of a shader in `SHADERS`, or of a file of GLSL that defines `vec3 shade(Surface s)`.
+        shader: the name of a shader in `SHADERS`, or of a file of GLSL.
     """
 
     def __init__(self, shader: str) -> None:
         self._name = shader
+        self._gl: Any = None  # the module moderngl
         self._context: Any = None
         self._programs: dict[str, Any] = {}
         self._shape: object = None
@@ -174,17 +159,23 @@ class GlRenderer:
             UsageError: moderngl or OpenGL 3.3 over EGL is missing, or the shader does not compile.
         """
         source = shader_source(self._name)
-        self._context = _context()
+        with extra("fit", "the renderer gl"):
+            import moderngl
+        # Only EGL needs no display. moderngl has it for Linux alone; what it takes elsewhere was never tried.
+        backend: dict[str, Any] = {"backend": "egl"} if sys.platform == "linux" else {}
+        try:
+            self._context = moderngl.create_context(standalone=True, require=330, **backend)
+        except Exception as error:  # loaders and drivers raise what they like
+            raise UsageError(
+                f"the renderer gl found no OpenGL 3.3 over EGL ({' '.join(str(error).split())}): install a driver, "
+                "which without a GPU is Mesa's (Debian and Ubuntu: apt install libegl1 libgl1 libgl1-mesa-dri)"
+            ) from None
+        self._gl = moderngl
         self._programs = {"geometry": self._context.program(_VERTICES, _GEOMETRY), "image": self._compiled(source)}
         return f"gl ({self._name})"
 
     def render(self, maps: SharedMaps, content: dict[str, Any]) -> Frame:
-        """The frame of a view: `Frame` with `image`, `uv`, `lod` and `id`.
-
-        Raises:
-            UsageError: a model that glTF does not have, a map that the shader looks up and the model does not have, or
-                more than 64 lights.
-        """
+        """The frame of a view, with `lod` and `id`. UsageError: what `_check` finds."""
         view = view_of(content)
         self._check(maps, view)
         self._upload(maps)
@@ -209,7 +200,6 @@ class GlRenderer:
 
     def _drawn(self, what: str, maps: SharedMaps, view: View) -> NDArray[np.float32]:
         """(H, W, 4) what a program makes of a view, 0 where nothing is, rows from the top."""
-        moderngl = _moderngl()
         (height, width), program = view.size, self._programs[what]
         if view.size not in self._framebuffers:
             colour = self._context.renderbuffer((width, height), 4, dtype="f4")
@@ -221,7 +211,7 @@ class GlRenderer:
         _set(program, "mipbake_last", len(maps.sizes) - 1)
         framebuffer.use()
         framebuffer.clear(0.0, 0.0, 0.0, 0.0)
-        self._context.enable_only(moderngl.DEPTH_TEST)
+        self._context.enable_only(self._gl.DEPTH_TEST)
         array.render()
         pixels = np.empty((height, width, 4), np.float32)
         framebuffer.read_into(pixels, components=4, dtype="f4")
@@ -250,7 +240,7 @@ class GlRenderer:
         whole 255ths, where GPUs and its other textures do. Colours are exempt, as sRGB is decoded before it is
         filtered.
         """
-        moderngl, sizes = _moderngl(), maps.sizes
+        sizes = maps.sizes
         colours = {each.name for each in MODELS[maps.model].stored if each.facts.encoding == COLOUR}
         if (maps.model, sizes) != self._shape:
             for texture in self._textures.values():
@@ -263,7 +253,7 @@ class GlRenderer:
                     sizes[0][::-1], 4 if channels == 3 else channels, alignment=1, dtype=dtype, internal_format=internal
                 )
                 texture.build_mipmaps(0, len(sizes) - 1)  # makes room, and sets the last level
-                texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
+                texture.filter = (self._gl.LINEAR_MIPMAP_LINEAR, self._gl.LINEAR)
                 self._textures[name] = texture
         for name, texture in self._textures.items():
             texture.repeat_x, texture.repeat_y = (each == "wrap" for each in maps.wrap)
@@ -275,6 +265,7 @@ class GlRenderer:
                     texture.write(wider, (column, row, width, height), index)
 
     def _check(self, levels: SharedMaps, view: View) -> None:
+        """UsageError for another model than glTF's, a map that the model does not have, or too many lights."""
         check_model("gl", levels.model)
         for name in _MAPS:
             if name not in levels.maps and f"{name}_map" in self._programs["image"]:
@@ -289,14 +280,12 @@ class GlRenderer:
             )
 
     def _compiled(self, shader: str) -> Any:
-        moderngl = _moderngl()
-
         code = re.sub(r"//[^\n]*|/\*.*?\*/", " ", shader, flags=re.DOTALL)
         if re.search(r"^[ \t]*#[ \t]*version\b", code, re.MULTILINE):
             raise UsageError(f"{self._name} has a line #version: leave it out, mipbake writes `#version 330` before it")
         try:
             return self._context.program(_VERTICES, _BEFORE + shader + _AFTER)
-        except moderngl.Error as error:
+        except self._gl.Error as error:
             if not re.search(r"\bvec3\s+shade\s*\(\s*((const|in)\s+)*Surface\b[^)]*\)\s*\{", code):
                 raise UsageError(f"{self._name} has no function `shade`: expected `vec3 shade(Surface s)`") from None
             complaint = re.split(r"\n=+\n", str(error))[-1].strip()
@@ -304,27 +293,6 @@ class GlRenderer:
                 f"{self._name} does not compile, so correct what the compiler of OpenGL complains of. 0:7 or 0(7) is "
                 f"line 7 of the file, and lines from 90000 on are what stands around it:\n{complaint}"
             ) from None
-
-
-def _moderngl() -> Any:
-    """The module moderngl; UsageError, with what to type, where it is missing."""
-    with extra("fit", "the renderer gl"):
-        import moderngl
-    return moderngl
-
-
-def _context() -> Any:
-    """A context of OpenGL without a window."""
-    moderngl = _moderngl()
-    # Only EGL needs no display. moderngl has it for Linux alone; what it takes elsewhere was never tried.
-    backend: dict[str, Any] = {"backend": "egl"} if sys.platform == "linux" else {}
-    try:
-        return moderngl.create_context(standalone=True, require=330, **backend)
-    except Exception as error:  # loaders and drivers raise what they like
-        raise UsageError(
-            f"the renderer gl found no OpenGL 3.3 over EGL ({' '.join(str(error).split())}): install a driver, which "
-            "without a GPU is Mesa's (Debian and Ubuntu: apt install libegl1 libgl1 libgl1-mesa-dri)"
-        ) from None
 
 
 def _set(program: Any, name: str, value: Any) -> None:

@@ -15,21 +15,14 @@ from mipbake.fitting.renderer import Array, Levels
 from mipbake.fitting.views import View
 from mipbake.material import model_named
 
-_KEPT = (
-    2  # stacks of other sizes that are kept decoded: the one that is fitted, and level 0 that references are made of
-)
+_KEPT = 2  # stacks of other sizes that stay decoded: the one that is fitted, and level 0 that references are made of
 
 
 @dataclass(eq=False)
 class TorchRenderer:
-    """Renders meshes by the library's own kernels: one trilinear lookup for each pixel, shaded once, in float32.
-
-    Levels of any material model will do.
-    """
+    """Renders meshes by the library's own kernels: one trilinear lookup for each pixel, shaded once, in float32."""
 
     called = "torch"
-    """What provenance calls it."""
-
     _kept: dict[Any, tuple[tuple[NDArray[np.int64], ...], list[Array]]] = field(default_factory=dict)
 
     def render(self, levels: Levels, view: View) -> Frame:

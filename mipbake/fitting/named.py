@@ -60,12 +60,7 @@ class RendererChoice:
                 )
 
     def made(self) -> Renderer[Any]:
-        """The renderer.
-
-        Raises:
-            UsageError: it does not exist, or lacks something that it needs.
-            RendererError: the function that makes it raised something.
-        """
+        """The renderer. UsageError: it does not exist, or lacks something. RendererError: what makes it failed."""
         timeout = TIMEOUT if self.timeout is None else self.timeout
         if self.command is not None:
             return ProcessRenderer(self.command, timeout=timeout)
@@ -87,20 +82,15 @@ class RendererChoice:
     ) -> tuple[Sequence[Any], Sequence[Any] | None, Sequence[Any] | None]:
         """Views of a stack to learn from, to choose by, and to judge the result with.
 
-        They are the views of the file, of which some are later kept for the other uses (None); or `each` of a plane at
-        each level of detail, and a quarter as many others for each of the other uses.
-
-        Raises:
-            InputError: the file cannot be read.
+        They are the views of the file, of which `fit` keeps some for the other uses (None); or `each` of a plane at
+        each level of detail, and a quarter as many others for each of the other uses. InputError: the file cannot be
+        read.
         """
         if self.views is not None:
             return read_views(self.views), None, None
         fewer = max(2, each // 4)
-        return (
-            standard_views(size, wrap, each, seed),
-            standard_views(size, wrap, fewer, seed + 1),
-            standard_views(size, wrap, fewer, seed + 2),
-        )
+        checked, apart = (standard_views(size, wrap, fewer, seed + more) for more in (1, 2))
+        return standard_views(size, wrap, each, seed), checked, apart
 
 
 class _UserRenderer:

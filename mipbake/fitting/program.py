@@ -1,19 +1,5 @@
-"""The renderer's side of docs/fit-protocol.md, for programs in Python. It may be copied out: it needs NumPy alone.
-
-A program with Python in it, as Blender or Unreal, renders for `mipbake fit` by a script such as this one:
-
-    from mipbake.fitting.program import Frame, serve
-
-    def render(maps, view):
-        for level, parts in enumerate(maps.changed):
-            for row, column, height, width in parts:
-                rows, columns = slice(row, row + height), slice(column, column + width)
-                for name, levels in maps.maps.items():
-                    upload(name, level, row, column, levels[level][rows, columns])
-        image, uv, lod = draw(view)
-        return Frame(image, uv, lod)
-
-    serve(render, "my engine")
+"""The renderer's side of docs/fit-protocol.md, for programs in Python, such as Blender or Unreal. That page has an
+example. This file may be copied out: it needs NumPy alone.
 """
 
 from __future__ import annotations
@@ -85,9 +71,7 @@ class Frame:
 def serve(
     render: Callable[[SharedMaps, dict[str, Any]], Any], name: str | Callable[[str], str] = "a program in Python"
 ) -> None:
-    """Answers the requests on the standard input, until they end.
-
-    What `render` raises is reported to mipbake, which then ends the program. The program may print what it likes.
+    """Answers the requests on the standard input, until they end. What `render` raises is reported to mipbake.
 
     Args:
         render: takes the maps and the view, and gives a `Frame`, or anything with the same attributes.

@@ -80,9 +80,7 @@ _IDLE_SECONDS = 20.0  # until the page asks again; a guess that is well below ev
 class ThreeRenderer:
     """Renders levels on a mesh with three.js: MeshPhysicalMaterial under directional lights, linear, not tone mapped.
 
-    Maps are rounded to 8 bits a channel, as files are, and looked up trilinearly. A light's radiance of a view is the
-    colour of three's DirectionalLight at intensity 1: the irradiance of a surface that faces it. Both sides of a
-    triangle are drawn, and lit.
+    Maps are rounded to 8 bits a channel, as files are, and looked up trilinearly. Both sides of a triangle are drawn.
 
     Args:
         material: one of MATERIALS.
@@ -122,12 +120,12 @@ class ThreeRenderer:
         return f"three ({self._material})"
 
     def render(self, maps: SharedMaps, content: dict[str, Any]) -> Frame:
-        """The frame of a view: `Frame` with `image`, `uv`, `lod` and `id`; 0 where no mesh is, and id is 1 where it is.
+        """The frame of a view, with `lod` and `id`.
 
-        The level of detail is the one that WebGL took, from 0 to the last level, because a texture whose levels hold
-        their numbers tells it. It is log2 of the longer one of the two steps, in texels of level 0, from a pixel to its
-        neighbours to the right and above. A footprint whose steps are not at right angles has a longer axis than that,
-        so what mipbake itself looks up is up to half a level coarser.
+        The level of detail is the one that WebGL took, because a texture whose levels hold their numbers tells it. It
+        is log2 of the longer one of the two steps, in texels of level 0, from a pixel to its neighbours to the right
+        and above. A footprint whose steps are not at right angles has a longer axis than that, so what mipbake itself
+        looks up is up to half a level coarser.
 
         Raises:
             UsageError: a model that glTF does not have.
