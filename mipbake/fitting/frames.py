@@ -21,15 +21,7 @@ def named(view: Any) -> str:
 
 
 def image_of(frame: Any, who: str, size: tuple[int, int] | None = None) -> Array:
-    """The (H, W, 3) image of a frame, float32.
-
-    Args:
-        who: which view it is, for errors.
-        size: what its (height, width) must be; None for any.
-
-    Raises:
-        RendererError: no image, another shape or size, or values that are not finite.
-    """
+    """The (H, W, 3) image of a frame, float32, of a view `who`. RendererError: it is none, or of another size."""
     if not hasattr(frame, "image"):
         raise RendererError(f"{who}: the renderer returned a {type(frame).__name__}: expected a Frame")
     image = _numbers(frame.image, "the image", who)

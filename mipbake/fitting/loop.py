@@ -19,14 +19,11 @@ from mipbake.fitting.schedule import Clock
 from mipbake.fitting.state import FitFile, FitState
 from mipbake.stack.stack import MipStack
 
-DEFAULT_STEPS = 2000
-
+_STEPS = 2000  # where neither steps nor a budget are given
 _PATIENCE = 3  # checks without a gain of a level, after which its rate is halved
 _LEAST_RATE = 1 / 64  # a level whose factor of the rate would be smaller is left as it is
 _LAST_RATE = 0.05  # factor that the rate falls to at the end of a budget
-
 _SAVING = 10.0  # times as long as the state took to be kept, steps go on before it is kept again
-
 _ALL, _NONE = slice(None), slice(0)  # tiles
 
 MOST = 4096
@@ -41,11 +38,7 @@ def check_count(name: str, number: int) -> None:
 
 @dataclass(frozen=True)
 class FitSettings:
-    """How a fit goes on; `fit` says what the fields are.
-
-    Raises:
-        UsageError: values that make no sense.
-    """
+    """How a fit goes on; `fit` says what the fields are. UsageError: values that make no sense."""
 
     steps: int | None = None
     budget: float | None = None
@@ -71,7 +64,7 @@ class FitSettings:
     @property
     def last(self) -> int | None:
         """The number of steps at which a fit ends; None where its budget alone says when."""
-        return DEFAULT_STEPS if self.steps is None and self.budget is None else self.steps
+        return _STEPS if self.steps is None and self.budget is None else self.steps
 
     def stepped(self, step: int) -> float:
         """How much of the steps is made, from 0 to 1; 0 where their number has no end."""
@@ -86,10 +79,8 @@ class Progress:
         share: of the whole fit that is done, from 0 to 1.
         step, seconds: so far.
         moving: how many levels still gain.
-        scores: mean SNR in dB over the views that are held out, by scale, now, as `mipbake.fitting.prepared.scores` has
-            it. What is kept may be better.
-        gains: of each level how many dB it has gained so far, over the views that show it: in the mean of all that is
-            compared, where losses count several times.
+        scores: mean SNR in dB of held-out views, by scale, now. What is kept may be better.
+        gains: of each level in dB so far, over the views that show it, where losses count several times.
         stack: makes the stack as it is kept so far.
     """
 
@@ -140,27 +131,19 @@ class Loop:
         return view.compared(view.rendered(self.renderer, levels))
 
     def chosen(self, variants: Sequence[Array], views: Sequence[Prepared]) -> NDArray[np.int64]:
-        """(levels,) number of the variant that each level is taken from.
-
-        It is the one that the views gain most with. It is the first one where the views lose by the others, beside the
-        levels that were chosen.
-        """
+        """(levels,) number of the variant that each level is taken from: the one that the views gain most with, or the
+        first one where they lose by it, beside the other levels that were chosen."""
         found = [self.errors(self.levels(each), views) for each in variants]
         gains = np.stack([gains_of_levels(views, found[0], each) for each in found])  # NaN: no view shows a level
         chosen = np.argmax(np.nan_to_num(gains), 0)
         joined = self.parameters.joined(variants, chosen)
         kept = self.without_losses(joined, variants[0], views)
-        for level in range(len(chosen)):
-            own = self.parameters.texels(level)
-            if not np.array_equal(kept[own], joined[own]):
-                chosen[level] = 0
-        return np.asarray(chosen, np.int64)
+        own = map(self.parameters.texels, range(len(chosen)))
+        return np.where([np.array_equal(kept[each], joined[each]) for each in own], chosen, 0)
 
     def without_losses(self, best: Array, start: Array, checking: Sequence[Prepared]) -> Array:
-        """The best values, less the levels without which the views that are held out gain more.
-
-        Levels were kept one by one, each beside others than it has in the end.
-        """
+        """The best values, less the levels without which the views that are held out gain more: levels were kept one
+        by one, each beside others than it has in the end."""
         kept: Array = best.copy()
         errors = self.errors(self.levels(kept), checking)
         value = _gain(errors, checking)
@@ -182,16 +165,10 @@ class Loop:
         return kept
 
     def judge_anew(self, state: FitState, begun: Array, checking: Sequence[Prepared]) -> dict[str, float]:
-        """Judges what is kept by more views, or by views whose references have less noise.
+        """Judges what is kept by more views, or by views whose references have less noise, and returns its scores.
 
-        A level that they lose by is given up. One whose gain is no longer sure is kept, because it was chosen when it
-        was. Levels that had stopped move again.
-
-        Args:
-            begun: (texels, channels) that steps began with.
-
-        Returns:
-            Scores of what is kept.
+        A level that they lose by is given up: it is as it `begun`. One whose gain is no longer sure is kept, because it
+        was chosen when it was. Levels that had stopped move again.
         """
         state.begun, state.started = self.errors(self.levels(begun), checking), started(checking)
         found = self.errors(self.levels(state.best), checking)
@@ -207,14 +184,12 @@ class Loop:
     def run(
         self, state: FitState, training: Sequence[Prepared], checking: Sequence[Prepared], until: float, end: float
     ) -> None:
-        """Steps until a share of the budget or the steps are spent, or until no level gains any more.
+        """Steps until a share of the budget or the steps are spent, or until no level gains any more. The state is kept
+        where the renderer fails.
 
         Args:
-            state: changes. training, checking: views to learn from, and those that are held out.
+            training, checking: views to learn from, and those that are held out.
             until, end: shares of the budget at which these steps, and all steps, end.
-
-        Raises:
-            RendererError: the renderer failed. The state is kept in the file, where there is one.
         """
         settings, clock, gradient = self.settings, self.clock, np.zeros_like(state.values)
         sides = (state.values.copy(), state.values.copy())

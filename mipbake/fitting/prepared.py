@@ -46,14 +46,13 @@ class Prepared:
         size: (height, width) in pixels.
         begun: (P, 3) pixels of the stack that a fit starts from.
         shown: (P,) 1 where a pixel shows the maps, and 0 where its error does not count.
-        tiles: the tiles that these texels lie in, (T,) increasing, as `mipbake.fitting.renderer.tiles_of` numbers them.
+        tiles: that these texels lie in, as `mipbake.fitting.renderer.tiles_of` has them.
         shares: (levels,) float64, how much of what the pixels read lies in each level; they sum to 1.
         read: which pixels read each texel.
         exposure: what images are multiplied by before they are displayed.
         reference: (P, 6) displayed and linear pixels of the reference.
         weights: (2,) one over the reference's sums of squares: errors count as shares.
         noise: (2,) how much of an error is the reference's own noise, as a share: an estimate.
-        started: (2,) errors, as shares, of the stack that a fit started from.
     """
 
     view: Any
@@ -69,18 +68,13 @@ class Prepared:
     reference: Array
     weights: NDArray[np.float64]
     noise: NDArray[np.float64]
-    started: NDArray[np.float64]
 
     @staticmethod
     def of(view: Any, found: Frame, halves: Array, parameters: Parameters, wrap: tuple[str, str]) -> Prepared:
-        """A view with its reference.
+        """A view with its reference, as `aiming_at` has it.
 
         Args:
             found: what the renderer shows of the stack that the fit starts from, as `looked` gives it.
-            halves: as `aiming_at` has them.
-
-        Raises:
-            RendererError: the reference is black.
         """
         image, seen = found.image.reshape(-1, 3), found.id.reshape(-1)
         lod = None if found.lod is None else found.lod.reshape(-1)
@@ -101,7 +95,7 @@ class Prepared:
             read,
             1.0,
             image,
-            *(unknown, unknown, unknown),
+            *(unknown, unknown),
         ).aiming_at(halves)
 
     def aiming_at(self, halves: Array) -> Prepared:
@@ -128,8 +122,12 @@ class Prepared:
         reference = np.asarray(2 * _looks(pixels, exposure) - (sides[0] + sides[1]) / 2, np.float32)
         weights = 1 / _energies(reference, self.shown)
         noise = weights * _energies(sides[0] - sides[1], self.shown) / 4
-        found = replace(self, exposure=exposure, reference=reference, weights=weights, noise=noise)
-        return replace(found, started=np.maximum(found.errors(self.begun), _LEAST_ERROR))
+        return replace(self, exposure=exposure, reference=reference, weights=weights, noise=noise)
+
+    @cached_property
+    def started(self) -> NDArray[np.float64]:
+        """(2,) errors, as shares, of the stack that a fit starts from."""
+        return np.maximum(self.errors(self.begun), _LEAST_ERROR)
 
     @property
     def uncertainty(self) -> float:
@@ -155,11 +153,8 @@ class Prepared:
         return image_of(renderer.render(levels, self.view), self.name, self.size).reshape(-1, 3)
 
     def compared(self, pixels: Array) -> Array:
-        """(P, 6) pixels (P, 3) of an image as they are compared.
-
-        The sum of squared differences is the sum of both errors, each as a share of its error at the start of the fit:
-        what a view has left counts as much in every view and in both parts.
-        """
+        """(P, 6) pixels (P, 3) of an image as they are compared: the sum of squared differences is the sum of both
+        errors, each as a share of its error at the start of the fit. So all views and both parts count alike."""
         return _looks(pixels, self.exposure) * self._factors
 
     def errors(self, pixels: Array) -> NDArray[np.float64]:
@@ -197,21 +192,13 @@ def started(views: Sequence[Prepared]) -> dict[str, float]:
 
 
 def worth(gains: NDArray[np.float64]) -> NDArray[np.float64]:
-    """What gains are worth, in dB: their mean over both parts, where a loss counts several times.
-
-    Args:
-        gains: (..., 2) in dB; NaN where nothing is known, which a mean then is, too.
-    """
+    """What gains (..., 2) are worth, in dB: their mean over both parts, where a loss counts several times."""
     return np.asarray(np.where(gains < 0, _LOSS * gains, gains).mean(-1), np.float64)
 
 
 def scores(views: Sequence[Prepared], errors: NDArray[np.float64]) -> dict[str, float]:
     """Mean SNR in dB of each scale, in the order in which the views name them, and of linear radiance as in
-    `near (linear)`.
-
-    Args:
-        errors: (views, 2).
-    """
+    `near (linear)`, of errors (views, 2)."""
     found: dict[str, list[float]] = {}
     for view, row in zip(views, decibels(errors), strict=True):
         for part, snr in zip(_PARTS, row.tolist(), strict=True):
@@ -222,19 +209,16 @@ def scores(views: Sequence[Prepared], errors: NDArray[np.float64]) -> dict[str, 
 def gains_of_levels(
     views: Sequence[Prepared], before: NDArray[np.float64], after: NDArray[np.float64], sure: bool = True
 ) -> NDArray[np.float64]:
-    """(levels,) what views gain, as `worth` has it; NaN for a level that none shows.
+    """(levels,) what views gain between errors (views, 2), as `worth` has it; NaN for a level that none shows.
 
     Each view is weighed with how much of the level it shows. Where a gain should be sure, the standard error is taken
     off the mean gain of each part: the best of many states is often one that chance favours in few views, and is worse
     in others.
-
-    Args:
-        before, after: (views, 2) errors.
     """
     shares = np.stack([view.shares for view in views])
     gains = decibels(after) - decibels(before)
-    shown = shares.sum(0)[:, None]
-    known = np.where(shown > 0, shown, 1)
+    total = shares.sum(0)[:, None]
+    known = np.where(total > 0, total, 1)
     mean = shares.T @ gains / known
     spread = np.sqrt(np.einsum("vl,vlp->lp", np.square(shares), np.square(gains[:, None] - mean))) / known
-    return np.where(shown[:, 0] > 0, worth(mean - spread if sure else mean), np.nan)
+    return np.where(total[:, 0] > 0, worth(mean - spread if sure else mean), np.nan)

@@ -33,20 +33,13 @@ from mipbake.fitting.views import View
 TIMEOUT = 120.0
 """Seconds that a program may take to start, and for each frame."""
 
-_KEPT, _SHOWN = 20, 400
-"""Lines of each stream that errors show, and letters of a line."""
+_KEPT, _SHOWN = 20, 400  # lines of each stream that errors show, and letters of a line
+_LONGEST = 1 << 20  # bytes of a line; what is longer is several lines, so that no program fills the memory
 
-_LONGEST = 1 << 20
-"""Bytes of a line. What is longer is several lines, so that no program fills the memory."""
-
-_LOOK = 0.25
-"""Seconds between looks at whether a program still lives."""
-
-_END = 5.0
-"""Seconds for a program to end after it was asked to, and for the system to end one that was killed."""
-
-_GRACE = 1.0
-"""Seconds for a program whose output has ended to end too, and for what it printed to arrive."""
+# Seconds.
+_LOOK = 0.25  # between looks at whether a program still lives
+_END = 5.0  # for a program to end after it was asked to, and for the system to end one that was killed
+_GRACE = 1.0  # for a program whose output has ended to end too, and for what it printed to arrive
 
 
 class ProcessRenderer:
@@ -84,11 +77,7 @@ class ProcessRenderer:
         """What provenance calls it: the name that the program gave, or the program where it has not started."""
 
     def start(self) -> _Program:
-        """Starts the program, unless it runs.
-
-        Raises:
-            RendererError, UsageError: as `render`.
-        """
+        """Starts the program, unless it runs. Raises as `render`."""
         if self._running is not None:
             return self._running[0]
         with ExitStack() as held:
@@ -147,15 +136,8 @@ class ProcessRenderer:
 
 
 class _Program:
-    """A program that runs, and the files that it shares with this process. Threads keep its pipes empty or filled, so
-    neither side ever waits for the other.
-
-    Args:
-        command: the program and its arguments. folder: for the files, best in memory. seconds: for each answer.
-
-    Raises:
-        RendererError: it cannot be started.
-    """
+    """A program that runs, and the files in a folder that it shares with this process. Threads keep its pipes empty or
+    filled, so neither side ever waits for the other. RendererError: it cannot be started."""
 
     def __init__(self, command: Sequence[str], folder: Path, seconds: float) -> None:
         self._exchange, self._seconds = Exchange(folder), seconds
@@ -194,15 +176,7 @@ class _Program:
         return self._exchange.taken(self.ask("render", request, f"render {view.name}"))
 
     def ask(self, request: str, content: Mapping[str, Any], doing: str) -> dict[str, Any]:
-        """Sends a request, and gives the answer.
-
-        Args:
-            doing: what the program is to do, for messages, such as "start".
-
-        Raises:
-            RendererError: it took longer, the program has ended, or its answer is none.
-            UsageError: the content cannot be written, or the program says that it is of no use.
-        """
+        """Sends a request, and gives the answer. `doing` says in messages what the program was to do."""
         self._lines.put(request_line(request, content))
         end, dead = time.monotonic() + self._seconds, False
         while (rest := end - time.monotonic()) > 0:

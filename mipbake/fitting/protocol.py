@@ -39,25 +39,18 @@ class JsonView:
     offset: tuple[float, float] = (0.0, 0.0)
 
     def moved(self, right: float, up: float) -> JsonView:
-        """The same view, with its sampling points moved by so many pixels."""
         return replace(self, offset=(self.offset[0] + right, self.offset[1] + up))
 
     @property
     def name(self) -> str:
-        """What messages call it; "view" where the content does not say."""
         return self._text("name", "view")
 
     @property
     def scale(self) -> str:
-        """Which row of a table its errors count in; "other" where the content does not say."""
         return self._text("scale", "other")
 
     def as_json(self) -> dict[str, Any]:
-        """What the renderer gets: the content, with the sum of both offsets where the view is moved.
-
-        Raises:
-            UsageError: its content has an offset that is not two numbers.
-        """
+        """What the renderer gets. UsageError: its content has an offset that is not two numbers."""
         own = _offset(self.content, f"the view {self.name}", UsageError)
         if self.offset == (0.0, 0.0):
             return dict(self.content)
@@ -69,11 +62,7 @@ class JsonView:
 
 
 def read_views(path: Path | str) -> list[JsonView]:
-    """The views of a JSON file: a list of at least one object.
-
-    Raises:
-        InputError: the file cannot be read, is not JSON, or holds something else.
-    """
+    """The views of a JSON file: a list of at least one object. InputError: it holds something else."""
     path = Path(path)
     expected = "a JSON list of objects, one for each view"
     try:
@@ -96,14 +85,7 @@ def _offset(content: Mapping[str, Any], who: str, kind: type[MipbakeError]) -> S
 
 
 def view_as_json(view: Any, mesh_file: Callable[[Mesh], Path]) -> dict[str, Any]:
-    """What a renderer is told of a view.
-
-    Args:
-        mesh_file: gives the file that holds a mesh.
-
-    Raises:
-        UsageError: something else.
-    """
+    """What a renderer gets of a view, whose mesh is in a file. UsageError: it is something else."""
     if isinstance(view, JsonView):
         return view.as_json()
     if not isinstance(view, View):
@@ -145,11 +127,7 @@ def view_of(content: Mapping[str, Any]) -> View:
 
 
 def request_line(request: str, content: Mapping[str, Any]) -> bytes:
-    """A request as the line that a program gets: ASCII, with a line feed.
-
-    Raises:
-        UsageError: the content has something that JSON has not, as views of a user's own may.
-    """
+    """A request as the line that a program gets. UsageError: views of a user's own have something that JSON has not."""
     try:
         text = json.dumps({"mipbake": VERSION, "request": request, **content}, allow_nan=False)
     except (TypeError, ValueError, RecursionError) as error:
@@ -172,13 +150,8 @@ def as_answer(line: bytes) -> dict[str, Any] | None:
 
 
 def check_answer(answer: Mapping[str, Any], expected: str) -> None:
-    """Whether an answer is the one that was expected, "hello" or "frame".
-
-    Raises:
-        RendererError: an answer that cannot be read, another version, an error that the program reports, or another
-            answer.
-        UsageError: the program reports that what it was given is of no use.
-    """
+    """RendererError where an answer is not the expected one, "hello" or "frame". UsageError where the program reports
+    that what it was given is of no use."""
     if _UNREADABLE in answer:
         raise RendererError(
             f"the answer of the renderer cannot be read ({answer[_UNREADABLE]}): expected one JSON object on a line, "

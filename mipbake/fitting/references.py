@@ -58,11 +58,7 @@ class Supersampled:
         self.passes = 0
 
     def refine(self, passes: int) -> None:
-        """Renders until there are so many renders in all, half of them for each half.
-
-        Raises:
-            RendererError: a frame that is none.
-        """
+        """Renders until there are so many renders in all, half of them for each half."""
         who = f"the reference of {named(self._view)}"
         for index in range(self.passes, passes):
             half, at = index % 2, index // 2
@@ -77,10 +73,8 @@ class Supersampled:
             self.passes = index + 1
 
     def halves(self) -> Array:
-        """(2, H, W, 3) float32, both estimates, of two passes or more.
-
-        Where no sample of a half shows the maps, it is the other half; where none of both does, 0.
-        """
+        """(2, H, W, 3) float32, both estimates, of two passes or more. Where no sample of a half shows the maps, it is
+        the other half; where none of both does, 0."""
         totals, counted = np.stack(self._totals), np.stack(self._counted)[..., None]
         counted = np.where(np.abs(counted) > _LEAST_WEIGHT, counted, np.inf)  # weights of a signed filter may cancel
         means = totals / counted
@@ -88,11 +82,8 @@ class Supersampled:
 
 
 def given(value: Any, who: str, size: tuple[int, int]) -> Array:
-    """A copy (H, W, 3) of an image that is given, because whoever made it may use the array again.
-
-    Raises:
-        UsageError: it has another shape, or is not finite.
-    """
+    """A copy (H, W, 3) of an image that is given, because whoever made it may use the array again. UsageError: it has
+    another shape, or is not finite."""
     image = np.asarray(value, np.float32)
     if image.ndim != 3 or image.shape[:2] != size or image.shape[2] not in (3, 4) or not np.isfinite(image).all():
         raise UsageError(

@@ -53,13 +53,9 @@ class Rectangle(NamedTuple):
 
 
 def rectangles(changed: NDArray[np.bool_], size: tuple[int, int]) -> list[Rectangle]:
-    """Few rectangles that hold the texels of all changed tiles, and no others; a whole level is one rectangle.
+    """Few rectangles that hold the texels of all changed tiles (rows, columns) of a level of a size, and no others.
 
     Neighbours in a row of tiles are one rectangle, and so are equal runs of neighbours in rows below each other.
-
-    Args:
-        changed: (rows, columns) of tiles, as `tiles_along` counts them.
-        size: (height, width) of the level in texels. Tiles at the lower and the right edge may be smaller than others.
     """
     found: list[list[int]] = []  # in tiles: the first row, the row below the last, and the same of columns
     newest: dict[tuple[int, int], list[int]] = {}
@@ -111,9 +107,6 @@ class Levels:
 
         Args:
             known: the `stamps` of the levels that the renderer has, of the same sizes; None where it has none.
-
-        Returns:
-            The tiles whose numbers are others than the known ones; all texels where none are known.
         """
         if known is None:
             return [[Rectangle(0, 0, *size)] for size in self.sizes]
@@ -122,12 +115,8 @@ class Levels:
 
 
 def tiles_of(texels: NDArray[np.int32], sizes: Sequence[tuple[int, int]]) -> NDArray[np.intp]:
-    """(T,) numbers of the tiles that hold texels, increasing. Tiles are counted as texels are: level after level.
-
-    Args:
-        texels: (K,) numbers of texels, increasing.
-        sizes: (height, width) of each level in texels, finest first.
-    """
+    """(T,) numbers of the tiles that hold texels (K,), both increasing. Tiles are counted as texels are: level after
+    level, of these (height, width)."""
     firsts, first_tiles = firsts_of(sizes), firsts_of(map(tiles_along, sizes))
     bounds = np.searchsorted(texels, firsts)
     found = []
@@ -139,11 +128,7 @@ def tiles_of(texels: NDArray[np.int32], sizes: Sequence[tuple[int, int]]) -> NDA
 
 
 class Stamps:
-    """The stamps of a stack whose texels change from one call of a renderer to the next.
-
-    Args:
-        sizes: (height, width) of each level in texels, finest first.
-    """
+    """The stamps of a stack whose texels change from one call of a renderer to the next."""
 
     def __init__(self, sizes: Sequence[tuple[int, int]]) -> None:
         self._shapes = [tiles_along(size) for size in sizes]

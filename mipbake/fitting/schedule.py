@@ -10,27 +10,21 @@ from typing import Any
 from mipbake.fitting.program import Frame
 from mipbake.fitting.renderer import Levels, Renderer
 
-STAGES = (0.1, 0.25, 0.5, 1.0)
-"""Shares of a budget, less what comes after steps, at which stages of steps end. Before each stage there are more
-views, with less noise in their references; so the first stack that gained anything is there early."""
+# Shares of a budget.
+FIRST = 0.03  # at most goes by before there is a start: views with coarse references
+STAGES = (
+    0.1,
+    0.25,
+    0.5,
+    1.0,
+)  # of what comes before CLOSING, at which stages of steps end: a first stack is there early
+GROWING = 0.4  # of each later stage at most is for more views, and for references with less noise
+ROUNDS = 0.25  # at most is for rounds of least squares
+CLOSING = 0.9  # from here on, the result is judged by views that nothing was learned from or chosen by
+LAST = 0.98  # here, what is known of these views is what counts
 
-FIRST = 0.03
-"""So much of a budget at most goes by before there is a start: views with coarse references."""
-
-GROWING = 0.4
-"""So much of each later stage at most is for more views, and for references with less noise."""
-
-ROUNDS = 0.25
-"""So much of a budget at most is for rounds of least squares."""
-
-CLOSING = 0.9
-"""From this share of a budget on, the result is judged by views that nothing was learned from or chosen by."""
-
-LAST = 0.98
-"""At this share of a budget, what is known of these views is what counts."""
-
+# Without a budget the shares of a fit at which its views are there, and its steps are done: a guess.
 _PREPARED, _STEPPED = 0.3, 0.9
-"""Without a budget the shares of a fit at which its views are there, and its steps are done: a guess."""
 
 
 class Clock:
@@ -38,8 +32,7 @@ class Clock:
 
     Args:
         budget: seconds for everything; None for as long as it takes.
-        told: called after each render with the share that is done, and with the seconds that are left; None where
-            nobody knows them.
+        told: called after each render with the share that is done, and with the seconds that are left, or None.
     """
 
     def __init__(self, budget: float | None, told: Callable[[float, float | None], None]) -> None:

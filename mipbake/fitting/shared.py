@@ -30,33 +30,17 @@ pictures."""
 _DAMPINGS = (0.01, 0.1, 1.0, 10.0)
 """A level takes the step with the best of these shares of the curvature added to it."""
 
-_LEAST_SHARE = 0.01
-"""Pixels of a view read several levels. A level takes part in a view where it has this share of what they read."""
-
-_SHOWN = 3
-"""About so many levels show in a view."""
-
-_WIDEST = 8
-"""Of each scale, every view up to every eighth one is learned from. Where even that takes too long, there are no
-rounds."""
-
-_PIXELS = 2**14
-"""About so many pixels of a view are learned from."""
-
-_HELD = 2**24
-"""Derivatives of so many pixels are held at once, about 400 MB. One view alone may have more."""
-
-_SAMPLED = 2**16
-"""Means and spreads of a level, and what its limits leave, are taken from about so many of its texels."""
+_LEAST_SHARE = 0.01  # a level takes part in a view where it has this share of what pixels read
+_SHOWN = 3  # levels in a view, about
+_WIDEST = 8  # of each scale at least every eighth view is learned from; where that takes too long, there are no rounds
+_PIXELS = 2**14  # of a view are learned from, about
+_HELD = 2**24  # pixels whose derivatives are held at once, about 400 MB; one view alone may have more
+_SAMPLED = 2**16  # texels of a level that means and spreads, and what limits leave, are taken from, about
+_FLOOR = 1e-6  # of the mean curvature is added everywhere: numbers that do the same have one answer
+_TRIES = 3  # a step is computed about so often, because limits stop numbers
 
 _STOPPED = 0.25
 """A number stays where it is where limits of channels leave a smaller share of what its texels move by, in squares."""
-
-_FLOOR = 1e-6
-"""So much of the mean curvature is added everywhere: numbers that do the same have one answer."""
-
-_TRIES = 3
-"""A step is computed about so often, because limits stop numbers."""
 
 _MEAN = -1
 
@@ -67,9 +51,9 @@ class Number:
 
     Args:
         level: whose texels move. channels: that move.
-        factor: how far they move where the number grows by 1: for an offset, to all the same. Otherwise it is a share
-            of how far they are from their mean, or from another stack.
-        toward: number of the stack that the channels move towards; -1 where they move away from their mean, which
+        factor: how far they move where the number grows by 1; for an offset all alike, otherwise as a share of how far
+            they are from their mean, or from another stack.
+        toward: number of the stack that the channels move towards; _MEAN where they move away from their mean, which
             changes the contrast of a map; None for an offset.
     """
 
@@ -111,11 +95,7 @@ class Rounds:
         limit: float = math.inf,
     ) -> Rounds:
         """Rounds that take so many seconds at most: few of the views are learned from where there are too many.
-
-        Args:
-            values: (texels, channels), about as they will be.
-            learning, checking: views to learn from, and those that are held out.
-        """
+        `values` are about as they will be."""
         movable = np.flatnonzero(shown(checking)).tolist()
         count = loop.settings.rounds if movable else 0
         rounds = Rounds(loop, others, movable, learning, [*learning, *checking], count)
@@ -144,14 +124,8 @@ class Rounds:
         return replace(rounds, learning=chosen, judging=[*chosen, *checking], seconds=seconds)
 
     def run(self, values: Array) -> tuple[Array, int]:
-        """The values after all rounds, and how many rounds there were: none follows one that changes nothing.
-
-        Args:
-            values: (texels, channels) to begin with.
-
-        Returns:
-            (texels, channels). A level that gains nothing stays bit for bit.
-        """
+        """The values after all rounds, and how many rounds there were: none follows one that changes nothing. A level
+        that gains nothing stays bit for bit."""
         for done in range(self.count):
             numbers, matrix, right = self._equations(values)
             if not right.any():
@@ -216,14 +190,8 @@ class Rounds:
         return slice(own.start, own.stop, -(-(own.stop - own.start) // _SAMPLED))
 
     def _equations(self, values: Array) -> tuple[list[Number], NDArray[np.float64], NDArray[np.float64]]:
-        """Normal equations of least squares: matrix @ amounts = right where views are right to first order.
-
-        Each view is rendered once for each number of a level that takes part in it.
-
-        Returns:
-            The numbers; (numbers, numbers) sums over pixels of products of two derivatives; (numbers,) of a derivative
-            and what is missing.
-        """
+        """The numbers, and normal equations of least squares: matrix @ amounts = right where views are right to first
+        order. Each view is rendered once for each number of a level that takes part in it."""
         loop, views = self.loop, self.learning
         numbers = [number for level in self.movable for number in self.numbers(values, level)]
         levels = np.array([number.level for number in numbers], np.int64)
@@ -265,11 +233,9 @@ class Rounds:
     ) -> Array:
         """The values after a damped step.
 
-        Where a level moves `alone`, no number that moves it towards another stack does: fewer numbers follow views that
-        were learned from less closely.
-
-        A number that limits of channels would stop stays where it is, and the others make up for it: a metallic map of
-        0 cannot fall, for one.
+        Where levels move `alone`, no number moves them towards other stacks: fewer numbers follow views that were
+        learned from less closely. A number that limits of channels would stop stays where it is, and the others make up
+        for it: a metallic map of 0 cannot fall, for one.
         """
         scale = np.diag(matrix)
         damped = matrix + np.diag(damping * scale + _FLOOR * scale.mean())

@@ -94,11 +94,7 @@ class FitFile:
             checkpoint_at(self.path).save(about, arrays)
 
     def load(self) -> FitState | None:
-        """The state in the file; None where there is none.
-
-        Raises:
-            InputError: a file that is broken, or of another fit.
-        """
+        """The state in the file; None where there is none. InputError: a file that is broken, or of another fit."""
         if self.path is None or not self.path.exists():
             return None
         about, arrays = checkpoint_at(self.path).load()
@@ -114,14 +110,7 @@ class FitFile:
             raise InputError(f"the checkpoint {self.path} cannot be read ({error}): delete it to begin anew") from error
 
     def check_started(self, state: FitState, scores: Mapping[str, float]) -> None:
-        """Checks that held-out views show the stack that the fit started from as they did then.
-
-        Args:
-            scores: of that stack, now.
-
-        Raises:
-            InputError: they show something else.
-        """
+        """InputError where held-out views show the stack that the fit started from with other scores than then."""
         for scale, score in scores.items():
             then = state.started.get(scale, math.nan)
             if not abs(score - then) <= _SAME:
@@ -133,11 +122,7 @@ class FitFile:
 
     @contextmanager
     def keeping(self, state: FitState) -> Iterator[None]:
-        """Keeps the state, whatever ends what is done with it.
-
-        Raises:
-            RendererError: the renderer failed; it names the file.
-        """
+        """Keeps the state, whatever ends what is done with it. A RendererError then names the file."""
         try:
             yield
         except BaseException as error:
