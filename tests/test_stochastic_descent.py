@@ -84,11 +84,83 @@ def test_what_no_pixel_shows_stays() -> None:
     assert start["lamp"].tolist() == [[0.5, 0.5]]
 
 
-def test_wrong_groups_and_no_views_get_a_sentence() -> None:
-    with pytest.raises(UsageError, match="groups is empty"):
-        Descent({})
-    with pytest.raises(UsageError, match=r"group 'tiles' have shape \(16, 3\): expected \(N, 2\)"):
-        Descent({"tiles": Group(np.zeros((16, 3)), UNIT)})
+def test_a_step_takes_the_mean_of_its_estimates() -> None:
+    """By sums, moments would weigh a step of four views four times. Each pixel shows one number, so that all signs give
+    the same estimate."""
+    own, found = np.arange(PIXELS, dtype=np.int32)[:, None], []
+    for counts in ((1, 1), (1, 4), (3, 1)):
+        values = np.full((PIXELS, 1), 0.5)
+        descent = Descent({"pixels": Group(values, Channels((0.01,), (0.0,), (1.0,)))})
+        for count in counts:
+            descent.step([(lambda given: Shown(given["pixels"] * 1, {"pixels": own}), np.zeros((PIXELS, 1)))] * count)
+        found.append(values)
+    np.testing.assert_allclose(found[1:], found[:1] * 2, atol=1e-12)
+
+
+def test_a_renderer_that_fails_leaves_nothing_of_its_step() -> None:
+    _, wanted = scene()
+    descents = []
+    for faulty in (False, True):
+        start, _ = scene()
+        descent = Descent({name: Group(each, UNIT) for name, each in start.items()})
+        descent.estimates = 1 - faulty
+        if faulty:
+            with pytest.raises(ZeroDivisionError):
+                descent.step([(rendered, wanted + 9), (lambda _: Shown(wanted / (1 // 0)), wanted)])
+        descent.step([(rendered, wanted)])
+        descents.append(descent.values)
+    for name, each in descents[0].items():
+        assert (each == descents[1][name]).all()
+
+
+TILES_OF = np.zeros((TILES, 2))
+
+
+@pytest.mark.parametrize(
+    ("groups", "words"),
+    [
+        ({}, "groups is empty"),
+        (
+            {"tiles": np.zeros((16, 3))},
+            r"group 'tiles' has shape \(16, 3\): expected \(N, 2\), a number for each channel",
+        ),
+        ({"tiles": [[0, 0]]}, "group 'tiles' is a list"),
+        (
+            {"tiles": TILES_OF, "lamp": torch.zeros(1, 2)},
+            "'lamp' is a Tensor: expected a NumPy array, as group",
+        ),
+        ({"tiles": TILES_OF, "lamp": np.float32([[0, 0]])}, "'lamp' is float32: expected float64, as group 'tiles' is"),
+        ({"tiles": np.asfortranarray(TILES_OF)}, "group 'tiles' is not contiguous"),
+    ],
+)
+def test_wrong_groups_get_a_sentence(groups: dict[str, Any], words: str) -> None:
+    with pytest.raises(UsageError, match=words):
+        Descent({name: Group(each, UNIT) for name, each in groups.items()})
+
+
+@pytest.mark.parametrize(
+    ("image", "touched", "words"),
+    [
+        (np.zeros((PIXELS, 2), np.float32), None, "the image is float32: expected float64, as group 'tiles' is"),
+        (np.zeros((1, PIXELS, 2)), None, r"the image has shape \(1, 64, 2\): expected \(P, C\)"),
+        (np.zeros((1, 2)), None, r"what should be shown has shape \(64, 2\): expected \(1, 2\)"),
+        (np.full((PIXELS, 2), np.nan), None, "error of an image is nan: expected finite numbers"),
+        (np.zeros((PIXELS, 2)), TILE_OF[:-1], r"touched\['tiles'\] has shape \(63, 1\): expected \(64, K\)"),
+        (np.zeros((PIXELS, 2)), TILE_OF.astype(np.int64), r"touched\['tiles'\] is int64: expected int32$"),
+    ],
+)
+def test_wrong_pictures_get_a_sentence_and_change_nothing(image: Any, touched: Any, words: str) -> None:
+    start, wanted = scene()
+    descent = Descent({name: Group(each, UNIT) for name, each in start.items()})
+    with pytest.raises(UsageError, match=words):
+        descent.step([(lambda _: Shown(image, {"tiles": touched}), wanted)])
+    assert (start["tiles"] == 0.5).all()
+
+
+def test_no_views_and_a_seed_that_is_no_number_get_a_sentence() -> None:
     start, _ = scene()
+    groups = {name: Group(each, UNIT) for name, each in start.items()}
     with pytest.raises(UsageError, match="views is empty"):
-        Descent({name: Group(each, UNIT) for name, each in start.items()}).step([])
+        Descent(groups).step([])
+    with pytest.raises(UsageError, match=r"seed is 1.5: expected a whole number"):
+        Descent(groups, 1.5)  # type: ignore[arg-type]

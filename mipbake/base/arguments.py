@@ -79,7 +79,7 @@ def checked(
     if dtypes and dtype_of(value) not in dtypes:
         *others, last = dtypes
         either = f"{', '.join(others)} or {last}" if others else last
-        reason = f", as {like[0]} is" if like is not None and not others else ""
+        reason = f", as {like[0]} is" if like is not None and not others and dtype_of(like[1]) == last else ""
         raise UsageError(f"{name} is {dtype_of(value)}: expected {either}{reason}")
     if dtypes and dtype_of(value) == "float64" and device_of(value).startswith("cuda"):
         raise UsageError(f"{name} is float64 on {value.device}: expected float32, or the CPU")

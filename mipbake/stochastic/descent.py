@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from mipbake.base.arguments import is_array
+from mipbake.base.arguments import REAL, dtype_of, is_array, whole, writable
 from mipbake.base.errors import UsageError
-from mipbake.stochastic.elements import Channels, Contributions, Moments, zeros
+from mipbake.stochastic.elements import Channels, Contributions, Moments, given, zeros
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -65,22 +66,25 @@ class Descent:
 
     def __init__(self, groups: Mapping[str, Group], seed: int = 0) -> None:
         """Raises:
-        UsageError: there is no group, or values are no rows of real numbers with one number for each channel.
+        UsageError: there is no group; values are no rows of real numbers with one number for each channel, of the
+            same dtype and device in all groups; they cannot be written to; or a seed that is no whole number.
         """
         if not groups:
             raise UsageError("groups is empty: expected at least one group of parameters")
+        if (number := whole(seed)) is None:
+            raise UsageError(f"seed is {seed!r}: expected a whole number")
+        like: tuple[str, Any] | None = None
+        dtypes: tuple[str, ...] = REAL
         for name, group in groups.items():
-            shape = tuple(group.values.shape)
-            if len(shape) != 2 or shape[1] != len(group.channels.magnitude):
-                raise UsageError(
-                    f"the values of group {name!r} have shape {shape}: expected (N, {len(group.channels.magnitude)}), "
-                    "a number for each channel"
-                )
+            shape = "N", len(group.channels.magnitude)
+            writable(f"group {name!r}", group.values, like, dtypes, (shape,), "a number for each channel")
+            like, dtypes = like or (f"group {name!r}", group.values), (dtype_of(group.values),)
+        self._like = like, dtypes
         self.groups = dict(groups)
         self.estimates = 0
         self.moments = {name: Moments.of(group.values) for name, group in groups.items()}
         # Numbers far apart, so that no group has the signs of another with a seed beside it.
-        self._seeds = {name: (seed + 0x9E3779B1 * place) % 2**32 for place, name in enumerate(groups)}
+        self._seeds = {name: (number + 0x9E3779B1 * place) % 2**32 for place, name in enumerate(groups)}
         self._gradients = {name: zeros(group.values, tuple(group.values.shape)) for name, group in groups.items()}
         self._sides = {name: (_copy(group.values), _copy(group.values)) for name, group in groups.items()}
 
@@ -103,38 +107,60 @@ class Descent:
             The mean squared error of the perturbed pictures, over estimates, pixels and channels.
 
         Raises:
-            UsageError: there is no view, or what a renderer shows has another shape, dtype or device than expected.
+            UsageError: there is no view, or what a renderer shows has another shape, dtype or device than expected, or
+                is not finite.
         """
         from mipbake.stochastic import descend
 
         listed: dict[str, list[Any]] = {name: [] for name in self.groups}
-        errors = [self._estimate(render, wanted, listed) for render, wanted in views]
-        if not errors:
+        views = list(views)
+        if not views:
             raise UsageError("views is empty: expected at least one renderer with what it should show")
+        try:
+            errors = [self._estimate(render, wanted, listed, len(views)) for render, wanted in views]
+        except BaseException:  # so that the next step does not take part of this one
+            for gradient in self._gradients.values():
+                gradient[...] = 0
+            raise
         for name, group in self.groups.items():
             values, gradient, moments = group.values, self._gradients[name], self.moments[name]
             elements = _union(listed[name], values)
             descend(values, gradient, moments, group.channels, rate * group.rate, elements)
         return sum(errors) / len(errors)
 
-    def _estimate(self, render: Render, wanted: Any, listed: dict[str, list[Any]]) -> float:
+    def _estimate(self, render: Render, wanted: Any, listed: dict[str, list[Any]], count: int) -> float:
+        """Adds one of `count` estimates; returns the mean squared error."""
         from mipbake.stochastic import add_gradient, perturb, pixel_differences
 
         for name, group in self.groups.items():
             perturb(group.values, group.channels, self.estimates, self._seeds[name], None, self._sides[name])
-        plus, minus = (render({name: pair[side] for name, pair in self._sides.items()}) for side in (0, 1))
-        differences = pixel_differences(plus.image, minus.image, wanted)
+        sides = [render({name: pair[side] for name, pair in self._sides.items()}) for side in (0, 1)]
+        like, _ = self._like
+        plus = given("the image", sides[0].image, *self._like, (("P", "C"),))
+        shape = tuple(plus.shape)
+        minus = given("the second image", sides[1].image, *self._like, (shape,))
+        wanted = given("what should be shown", wanted, *self._like, (shape,))
+        if 0 in shape:
+            raise UsageError(f"the image has shape {shape}: expected a pixel or more")
+        error = float((((plus - wanted) ** 2).mean() + ((minus - wanted) ** 2).mean()) / 2)
+        if not math.isfinite(error):
+            raise UsageError(
+                f"the mean squared error of an image is {error}: expected finite numbers in images and in what should "
+                "be shown"
+            )
+        differences = pixel_differences(plus, minus, wanted) / count
         for name, group in self.groups.items():
-            touched = [side.touched.get(name) for side in (plus, minus)]
+            touched = [side.touched.get(name) for side in sides]
             if any(each is None for each in touched):
                 own, made_of = _whole(differences, group.values)
             else:
-                own, made_of = differences, _made_of(*touched)
+                fits = like, ("int32",), ((shape[0], "K"),), "elements of each pixel"
+                own, made_of = differences, _made_of(*(given(f"touched[{name!r}]", each, *fits) for each in touched))
             gradient, seed = self._gradients[name], self._seeds[name]
             add_gradient(gradient, own, made_of, group.channels, self.estimates, seed)
             listed[name].append(made_of.elements)
         self.estimates += 1
-        return float((((plus.image - wanted) ** 2).mean() + ((minus.image - wanted) ** 2).mean()) / 2)
+        return error
 
 
 def _made_of(plus: Any, minus: Any) -> Contributions:
@@ -176,4 +202,4 @@ def _union(listed: list[Any], values: Any) -> Any:
 
 
 def _copy(values: Any) -> Any:
-    return values.copy() if is_array(values) else values.clone()
+    return values.copy() if is_array(values) else values.detach().clone()
