@@ -225,6 +225,21 @@ def test_steps_are_bounded_however_small_gradients_are() -> None:
         assert abs(values[0, 0]) <= 0.25 * 1.001
 
 
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"rate": math.nan}, "rate is nan: expected a finite number, 0 or more"),
+        ({"betas": (0.9,)}, r"betas is \(0.9,\): expected two numbers from 0 to less than 1"),
+        ({"betas": (0.9, 1.0)}, "expected two numbers from 0 to less than 1"),
+        ({"epsilon": 0.0}, "epsilon is 0.0: expected a finite number above 0"),
+    ],
+)
+def test_settings_of_a_step_outside_of_their_range_get_a_sentence(options: dict[str, Any], words: str) -> None:
+    values = np.zeros((1, 1), np.float32)
+    with pytest.raises(UsageError, match=words):
+        stochastic.descend(values, np.zeros_like(values), Moments.of(values), FREE, **options)
+
+
 # Threads and instruction sets
 
 

@@ -191,18 +191,22 @@ def descend(
         moments: changed in place.
         channels: the rate of each channel is `rate` times its magnitude, as in section 5 of the paper.
         elements: (K,) int32, each once; None for all. On a GPU nobody checks the numbers.
-        betas: decays of the two moments.
-        epsilon: what is added to the root of the second moment. Gradients of all sizes count alike, so it is next to 0.
-            The default is the size of gradients whose squares float32 no longer holds.
+        betas: decays of the two moments, each from 0 to less than 1.
+        epsilon: what is added to the root of the second moment, above 0. Gradients of all sizes count alike, so it is
+            next to 0. The default is the size of gradients whose squares float32 no longer holds.
 
     Raises:
         UsageError: the type, dtype, device or shape of an argument does not fit, an array that cannot be written to, an
-            element that does not exist, or a rate that is not a finite number from 0 on.
+            element that does not exist, or a rate, betas or an epsilon outside of their range.
     """
     from mipbake import _native
 
     if not 0 <= rate < math.inf:
         raise UsageError(f"rate is {rate}: expected a finite number, 0 or more")
+    if len(betas) != 2 or not all(0 <= beta < 1 for beta in betas):
+        raise UsageError(f"betas is {betas}: expected two numbers from 0 to less than 1")
+    if not 0 < epsilon < math.inf:
+        raise UsageError(f"epsilon is {epsilon}: expected a finite number above 0")
     values = writable("values", values, None, REAL, (("N", len(channels.magnitude)),))
     like = ("values", values), (dtype_of(values),), (tuple(values.shape),)
     gradient = writable("gradient", gradient, *like)
