@@ -21,6 +21,8 @@ GRID = np.arange(SIDE**2).reshape(SIDE, SIDE)
 FLAT = np.stack([GRID[:-1, :-1], GRID[:-1, 1:], GRID[1:, 1:], GRID[1:, :-1]], -1).reshape(-1, 4)
 """A bounded mesh with faces row by row."""
 
+TETRAHEDRON = [(0, 1, 2), (0, 3, 1), (1, 3, 2), (0, 2, 3)]
+
 MIXED = ((0, 1, 2), (0, 2, 3, 4), (0, 4, 5, 6, 1))
 """A triangle, a quad and a pentagon around vertex 0."""
 
@@ -148,6 +150,11 @@ def test_what_is_no_mesh_gets_a_sentence() -> None:
         ([(0, 1, 2), (0, 1, 3)], 1, "the same direction"),
         ([(0, 1, 3)], 1, "vertex 2 is in no face"),
         ([(0, 1, 2), (0, 3, 4)], 1, "two fans"),
+        (TETRAHEDRON + [tuple(c and c + 3 for c in face) for face in TETRAHEDRON], 1, "two fans"),
+        ([*TETRAHEDRON, (0, 4, 5)], 1, "two fans"),
+        ([(0, 1, 1)], 1, r"the face \(0, 1, 1\) has a corner twice"),
+        ([(0, 1, 10**12)], 1, "vertex 2 is in no face"),
+        (SIDES, 1.5, "6 faces are to have 1.5 levels"),
     ):
         with pytest.raises(UsageError, match=said):
             Subdivision.of(faces, levels)
@@ -156,5 +163,7 @@ def test_what_is_no_mesh_gets_a_sentence() -> None:
         fine.refine(CUBE[:7])
     with pytest.raises(UsageError, match="Tensor"):
         fine.refine(torch.tensor(CUBE))
+    with pytest.raises(UsageError, match="vertices is int64: expected floating-point numbers"):
+        fine.refine(CUBE.astype(np.int64))
     with pytest.raises(UsageError, match=r"expected \(24, C\)"):
         fine.refine_corners(CUBE)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.base.arguments import is_array
+from mipbake.base.arguments import checked, dtype_of, is_array, whole
 from mipbake.base.errors import UsageError
 
 if TYPE_CHECKING:
@@ -56,29 +56,35 @@ class Subdivision:
 
         Raises:
             UsageError: there are no levels or faces, an edge that two faces have in the same direction, a vertex that
-                is in no face or in two fans of faces, or a face with less than 3 corners.
+                is in no face or in two fans of faces, or a face with less than 3 different corners.
         """
         polygons = tuple(tuple(int(corner) for corner in face) for face in faces)
-        if levels < 1 or not polygons:
+        depth = whole(levels)
+        if depth is None or depth < 1 or not polygons:
             raise UsageError(f"{len(polygons)} faces are to have {levels} levels: expected 1 or more of both")
         if (least := min(map(len, polygons))) < 3:
             raise UsageError(f"a face has {least} corners: expected 3 or more")
+        if twice := [face for face in polygons if len(set(face)) < len(face)]:
+            raise UsageError(f"the face {twice[0]} has a corner twice: expected different vertices")
         corners, sides = np.array([c for face in polygons for c in face]), np.array([len(face) for face in polygons])
         if corners.min() < 0:
             raise UsageError(f"a face has the corner {corners.min()}: expected numbers of vertices, from 0 on")
-        count = int(corners.max()) + 1
+        used, count = np.unique(corners), int(corners.max()) + 1
+        if len(used) < count:
+            loose = int((used != np.arange(len(used))).argmax())
+            raise UsageError(f"vertex {loose} is in no face: expected a mesh without loose vertices")
         mean = _Sparse(np.arange(count), np.arange(count), np.ones(count))
-        for _ in range(levels):
+        for _ in range(depth):
             level, quads = _refined(corners, sides)
             mean = level @ mean
             corners, sides = quads.reshape(-1), np.full(len(quads), 4)
         sources, weights = mean.rows_of(-1)
         triangles = quads[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)
-        used = np.where(weights > 0, sources, -1)[triangles].reshape(len(triangles), -1)
-        supports, _ = _Sparse(*_pairs(used), np.ones(np.count_nonzero(used >= 0))).rows_of(-1)
-        whole = {"quads": quads, "triangles": triangles, "sources": np.maximum(sources, 0), "supports": supports}
-        made: dict[str, Any] = {name: each.astype(np.int32) for name, each in whole.items()}
-        return cls(**made, weights=weights.astype(np.float32), _faces=polygons, _levels=levels)
+        made_of = np.where(weights > 0, sources, -1)[triangles].reshape(len(triangles), -1)
+        supports, _ = _Sparse(*_pairs(made_of), np.ones(np.count_nonzero(made_of >= 0))).rows_of(-1)
+        numbers = {"quads": quads, "triangles": triangles, "sources": np.maximum(sources, 0), "supports": supports}
+        made: dict[str, Any] = {name: each.astype(np.int32) for name, each in numbers.items()}
+        return cls(**made, weights=weights.astype(np.float32), _faces=polygons, _levels=depth)
 
     def to(self, device: str) -> Subdivision:
         """The same as tensors."""
@@ -89,18 +95,17 @@ class Subdivision:
         return replace(self, **moved)
 
     def refine(self, vertices: Array) -> Array:
-        """(V, C) values of refined vertices, from those of control vertices (N, C), real numbers of any dtype.
+        """(V, C) values of refined vertices, from those of control vertices (N, C), of any floating-point dtype.
 
         Arrays go with arrays, and tensors with what `to` made; gradients flow to tensors.
 
         Raises:
-            UsageError: vertices are another kind of array, or another number of them.
+            UsageError: vertices are another kind of array or of numbers, or another number of them.
         """
-        if is_array(vertices) != is_array(self.weights):
-            raise UsageError(f"vertices are a {type(vertices).__name__}: expected what the subdivision is made of")
         needed = max(max(face) for face in self._faces) + 1
-        if len(vertices.shape) != 2 or vertices.shape[0] != needed:
-            raise UsageError(f"vertices have shape {tuple(vertices.shape)}: expected ({needed}, C)")
+        checked("vertices", vertices, ("the subdivision", self.weights), (), ((needed, "C"),))
+        if not dtype_of(vertices).startswith(("float", "bfloat")):  # as whole numbers, weights would be 0
+            raise UsageError(f"vertices is {dtype_of(vertices)}: expected floating-point numbers")
         xp: Any = np
         if not is_array(vertices):
             import torch as xp
@@ -116,11 +121,10 @@ class Subdivision:
             values: (sum of the faces' corners, C), face by face.
 
         Raises:
-            UsageError: another number of values.
+            UsageError: no array, or another number of values.
         """
         sides = np.array([len(face) for face in self._faces])
-        if values.ndim != 2 or len(values) != sides.sum():
-            raise UsageError(f"values have shape {values.shape}: expected ({sides.sum()}, C), one for each corner")
+        checked("values", values, ("the list of faces", sides), (), ((int(sides.sum()), "C"),), "one for each corner")
         for _ in range(self._levels):
             of, following = np.repeat(np.arange(len(sides)), sides), _following(sides)
             middle = (values + values[following]) / 2
@@ -180,6 +184,26 @@ def _following(sides: Ints) -> Ints:
     return following
 
 
+def _fan(corners: Ints, following: Ints, edge: Ints, rim: NDArray[np.bool_]) -> Ints:
+    """(V,) how many faces a walk around each vertex meets, from one of its faces over the edges at the vertex."""
+    order = np.argsort(edge, kind="stable")
+    twins = np.flatnonzero(edge[order][1:] == edge[order][:-1])
+    opposite = np.zeros_like(corners)
+    opposite[order[twins]], opposite[order[twins + 1]] = order[twins + 1], order[twins]
+    # The corner that a fan begins with follows the one that it ends with.
+    first, last = np.zeros(corners.max() + 1, np.int64), np.flatnonzero(rim[edge])
+    first[corners[following[last]]] = following[last]
+    turned = np.where(rim[edge], first[corners], following[opposite])
+    first[corners] = np.arange(len(corners))
+    vertex, met = np.arange(len(first)), np.zeros(len(first), np.int64)
+    at = first
+    while len(vertex):
+        met[vertex] += 1
+        on = turned[at] != first[vertex]
+        vertex, at = vertex[on], turned[at][on]
+    return met
+
+
 def _refined(corners: Ints, sides: Ints) -> tuple[_Sparse, Ints]:
     """One level: refined vertices as means of the vertices, and the refined faces (a quad for each corner).
 
@@ -196,10 +220,7 @@ def _refined(corners: Ints, sides: Ints) -> tuple[_Sparse, Ints]:
     valence, on_rim = np.bincount(corners, minlength=count), np.zeros(count, np.int64)
     for end in (first, second):
         on_rim += np.bincount(end[rim], minlength=count)
-    if valence.min() == 0:
-        raise UsageError(f"vertex {int(valence.argmin())} is in no face: expected a mesh without loose vertices")
-    edges_at = np.bincount(np.concatenate([first, second]), minlength=count)
-    if ((on_rim != 0) & (on_rim != 2)).any() or (edges_at != valence + (on_rim > 0)).any():
+    if ((on_rim != 0) & (on_rim != 2)).any() or (_fan(corners, following, edge, rim) < valence).any():
         raise UsageError("two fans of faces meet at a vertex: expected one fan, or one ring, around each vertex")
 
     face_points = _Sparse(of, corners, 1 / sides[of])
