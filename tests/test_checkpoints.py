@@ -73,7 +73,10 @@ def test_damage_is_noticed(kept, read, said, tmp_path):
     content = file.read_bytes()
     half, third = len(content) // 2, len(content) // 3
     flipped = content[:third] + bytes(each ^ 1 for each in content[third:half]) + content[half:]
-    for damaged in (content[:half], b"", bytes(len(content)), content[:half] + bytes(len(content) - half), flipped):
+    at = content.index(b"PK\1\2")  # the entry of an array: the version that it needs, its flags, and how it is packed
+    entries = [content[: at + place] + b"\xff" + content[at + place + 1 :] for place in (6, 8, 10)]
+    torn = content[:half], b"", bytes(len(content)), content[:half] + bytes(len(content) - half)
+    for damaged in (*torn, flipped, *entries):
         file.write_bytes(damaged)
         with pytest.raises(InputError, match=said):
             read(tmp_path)

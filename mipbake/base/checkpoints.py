@@ -16,6 +16,7 @@ import json
 import math
 import os
 import sys
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Mapping
@@ -34,7 +35,8 @@ if sys.platform != "win32":
     import fcntl
 
 DAMAGED = (
-    *(OSError, ValueError, KeyError, TypeError, EOFError, IndexError, RecursionError),
+    *(OSError, ValueError, KeyError, TypeError, EOFError, IndexError),
+    *(RuntimeError, tokenize.TokenError),  # of zip files (what looks encrypted, or of a later version), JSON, and NumPy
     *(zipfile.BadZipFile, zlib.error),
 )
 """What reading raises where a file is damaged, or is none of these."""
@@ -203,7 +205,7 @@ def _read(stream: IO[bytes], make: Make, size: int) -> NDArray[Any]:
     if np.lib.format.read_magic(stream) != (1, 0):
         raise ValueError("it has arrays of another version")
     shape, in_columns, dtype = np.lib.format.read_array_header_1_0(stream)
-    if in_columns or dtype.hasobject or math.prod(shape) * dtype.itemsize > size:
+    if in_columns or dtype.hasobject or math.prod(shape) * max(dtype.itemsize, 1) > size:
         raise ValueError("it has arrays of another kind")
     array = make(shape, dtype)
     for rows in _some_rows(array):
