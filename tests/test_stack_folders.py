@@ -78,8 +78,8 @@ def test_an_interrupted_save_leaves_nothing(tmp_path, monkeypatch, fault, earlie
     container = type(format_named(fmt))
     write = container.write
 
-    def breaks(self, folder, layout, levels, wrap, about, weigh=None):
-        write(self, folder, layout, levels, wrap, about)
+    def breaks(self, folder, layout, levels, wrap, about, weigh):
+        write(self, folder, layout, levels, wrap, about, weigh)
         if layout.name == "normal":
             raise fault
 
@@ -106,8 +106,8 @@ def test_a_writer_that_lies_is_caught(tmp_path, monkeypatch, fmt):
     container = type(format_named(fmt))
     write = container.write
 
-    def loses_levels(self, folder, layout, levels, wrap, about, weigh=None):
-        write(self, folder, layout, levels[:-1], wrap, about)
+    def loses_levels(self, folder, layout, levels, wrap, about, weigh):
+        write(self, folder, layout, levels[:-1], wrap, about, weigh)
 
     monkeypatch.setattr(container, "write", loses_levels)
     with pytest.raises(OutputError, match=r"did not read back|is not complete after writing"):
@@ -116,10 +116,10 @@ def test_a_writer_that_lies_is_caught(tmp_path, monkeypatch, fmt):
     if not format_named(fmt).exact:
         fmt = f"{fmt}:rgba8"
 
-    def changes_a_texel(self, folder, layout, levels, wrap, about, weigh=None):
+    def changes_a_texel(self, folder, layout, levels, wrap, about, weigh):
         changed = [level.copy() for level in levels]
         changed[1][0, 0, 0] = 0 if changed[1][0, 0, 0] else 1
-        write(self, folder, layout, changed, wrap, about)
+        write(self, folder, layout, changed, wrap, about, weigh)
 
     monkeypatch.setattr(container, "write", changes_a_texel)
     with pytest.raises(OutputError, match="changed while it was written"):

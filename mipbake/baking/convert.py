@@ -27,7 +27,8 @@ from mipbake.material.directions import untangled
 from mipbake.source.layout import LAYOUTS, MATERIAL_MANIFEST, MATERIAL_SCHEMA, extra_layout
 from mipbake.source.loading import PathLike, as_texture_set
 from mipbake.source.texture_set import TextureSet
-from mipbake.stack.containers import DEFAULT_FORMAT, IMAGE_FORMATS, Container
+from mipbake.stack.container import Container
+from mipbake.stack.containers import DEFAULT_FORMAT, IMAGE_FORMATS
 from mipbake.stack.manifest import declared
 from mipbake.stack.map_files import (
     CONVENTIONS,

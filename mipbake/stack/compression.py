@@ -133,12 +133,8 @@ def losses(
     variants: Mapping[str, Sequence[NDArray[np.float32]]],
     progress: Progress = lambda _share: None,
 ) -> dict[str, dict[str, float]]:
-    """Variant and pair set to the fall of the SNR below the SNR of what was baked, in dB.
-
-    Args:
-        baked: of `opened`, or fewer levels of it, as many as `LODS` reach.
-        variants: name to levels of the same stored channels.
-    """
+    """Variant and pair set to the fall of the SNR below the SNR of what was baked, in dB. `baked`: of `opened`, or
+    fewer levels of it, as many as `LODS` reach. `variants`: name to levels of the same stored channels."""
     found: dict[str, dict[str, float]] = {}
     for turn, points in enumerate((_FEW, _POINTS)):
         found = _losses(texture_set, baked, variants, points, part_of(progress, turn, 2))

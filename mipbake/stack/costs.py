@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from mipbake.stack.containers import FORMATS, Container, format_named
+from mipbake.stack.containers import FORMATS, format_named
 from mipbake.stack.output import GLB, GLB_TEXELS
 from mipbake.stack.presets import Preset
 from mipbake.stack.written import Written
@@ -127,21 +127,12 @@ class Cost:
             advice = "a glTF file holds no other texels; files of --format ktx2:rgba8 beside it keep the coverage"
         else:
             container = format_named(f"{format}:{found.texels}")
-            better = _uncompressed(container)
+            plain = next(name for name, each in FORMATS[format].items() if each.exact)
+            better = container.finer if container.exact else f"{format}:{plain}"
             if better is None:
                 return None
-            advice = _advice(better, preset)
+            engine = preset.no_finer if preset else ""
+            advice = engine or f"use --format {better} where the engine takes it"
             if not (container.exact or found.alone):
                 advice += "; --packing separate gives opacity a file of its own, whose coverage changes less"
         return f"{self.format} changes the {found}, by more than {100 * COVERAGE_LIMIT:g} points: {advice}"
-
-
-def _advice(better: str, preset: Preset | None) -> str:
-    return preset.no_finer if preset and preset.no_finer else f"use --format {better} where the engine takes it"
-
-
-def _uncompressed(container: Container) -> str | None:
-    """The nearest format that is more precise and has no blocks."""
-    if container.exact:
-        return container.finer
-    return f"{container.name}:{next(name for name, each in FORMATS[container.name].items() if each.exact)}"

@@ -32,8 +32,7 @@ class StackInfo:
         title, wrap: name, model and size; addressing along u and v.
         levels: the most that an output has; 0 where no output tells.
         about: lines on how it was baked, conventions of normals, and adjustments.
-        files: all that are listed, in the folder itself.
-        channels: file to what each of its channels holds, where that is told.
+        files: all that are listed. channels: file to what each of its channels holds, where that is told.
     """
 
     content: Mapping[str, Any]
@@ -46,14 +45,8 @@ class StackInfo:
 
 
 def stack_info(file: Path, manifest: Mapping[str, Any]) -> StackInfo:
-    """What a stack's description says; nothing is read beside it.
-
-    Args:
-        file: that declares the stack. manifest: what it says, from `mipbake.stack.manifest.read_manifest`.
-
-    Raises:
-        InputError: it does not describe a stack, or lists files elsewhere.
-    """
+    """What a stack's description, from `mipbake.stack.manifest.read_manifest`, says; nothing is read beside it. `file`
+    declares the stack. InputError where it does not describe one, or lists files elsewhere."""
     try:
         outputs, wrap = manifest["outputs"], manifest["wrap"]
         entries = [entry for output in outputs for entry in output.get("maps", {}).values()]

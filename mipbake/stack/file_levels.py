@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,22 +13,9 @@ from mipbake.stack.packing import unpacked
 from mipbake.stack.stack import MipStack
 
 
-def stored_channels(files: Sequence[MapFile], stack: MipStack) -> Levels:
-    """Stored channels of a stack, with the maps that files hold in place of its own."""
-    count = min(len(stack.levels), *(len(file.levels) for file in files))
-    levels = [level.copy() for level in stack.levels[:count]]
-    for file in files:
-        for index, level in enumerate(levels):
-            found = unpacked([(file.layout, [file.levels[index]])], stack.model)
-            for layout in LAYOUTS[stack.model]:
-                if layout.name in found:
-                    (level[..., layout.channels],) = found[layout.name]
-    return levels
-
-
 class WrittenLevels(MadeLevels):
-    """`stored_channels` of files that give single texels back: lookups ask for what they need, and nothing of the size
-    of a level is made.
+    """Stored channels of a stack, with the maps that files hold in place of its own. Of files that give single texels
+    back, lookups ask for what they need, and nothing of the size of a level is made.
     """
 
     def __init__(self, files: Sequence[MapFile], stack: MipStack) -> None:
@@ -39,8 +25,16 @@ class WrittenLevels(MadeLevels):
         return min(len(self._stack.levels), *(len(file.levels) for file in self._files))
 
     def _level(self, index: int) -> NDArray[np.float32]:
-        files = [replace(file, levels=[file.levels[index]]) for file in self._files]
-        return stored_channels(files, replace(self._stack, levels=[self._stack.levels[index]]))[0]
+        return self._with_maps(self._stack.levels[index].copy(), [file.levels[index] for file in self._files])
+
+    def _with_maps(self, out: NDArray[np.float32], held: Sequence[NDArray[np.float32]]) -> NDArray[np.float32]:
+        """Stored channels (..., C), changed in place, with what each file holds, (..., its channels)."""
+        for file, texels in zip(self._files, held, strict=True):
+            found = unpacked([(file.layout, [texels])], self._stack.model)
+            for layout in LAYOUTS[self._stack.model]:
+                if layout.name in found:
+                    (out[..., layout.channels],) = found[layout.name]
+        return out
 
     def lookup(self, uv: NDArray[np.float64], lod: float, wrap: tuple[str, str]) -> NDArray[np.float32]:
         """(P, C) stored channels at (P, 2) uv; see `mipbake.quality.round_lookups.lookup`."""
@@ -62,14 +56,9 @@ class WrittenLevels(MadeLevels):
 
     def _texels(self, index: int, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> NDArray[np.float32]:
         """(N, P, C) stored channels of the texels of (N, P) rows and columns of a level."""
-        out = np.array(self._stack.levels[index][rows, columns])
-        for file in self._files:
-            assert isinstance(file.levels, GivenBack)
-            found = unpacked([(file.layout, [file.levels.at(index, rows, columns)])], self._stack.model)
-            for layout in LAYOUTS[self._stack.model]:
-                if layout.name in found:
-                    (out[..., layout.channels],) = found[layout.name]
-        return out
+        made = (file.levels for file in self._files)
+        held = [each.at(index, rows, columns) for each in made if isinstance(each, GivenBack)]
+        return self._with_maps(np.array(self._stack.levels[index][rows, columns]), held)
 
 
 def _neighbours(at: NDArray[np.float64], size: int, mode: str) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
@@ -83,9 +72,13 @@ def _neighbours(at: NDArray[np.float64], size: int, mode: str) -> tuple[NDArray[
     return both % size if mode == "wrap" else np.clip(both, 0, size - 1), (place - first).astype(np.float32)[:, None]
 
 
+def stored_channels(files: Sequence[MapFile], stack: MipStack) -> Levels:
+    """All of `WrittenLevels` at once."""
+    return WrittenLevels(files, stack)[:]
+
+
 def written_levels(files: Sequence[MapFile], stack: MipStack) -> Sequence[NDArray[np.float32]]:
-    """Stored channels of a stack, with the maps that files hold in place of its own."""
+    """`WrittenLevels`, which are made at once where files do not give single texels back."""
     shading = [file for file in files if file.layout.shades]
-    if not all(isinstance(file.levels, GivenBack) for file in shading):
-        return stored_channels(files, stack)
-    return WrittenLevels(shading, stack)
+    single = all(isinstance(file.levels, GivenBack) for file in shading)
+    return WrittenLevels(shading, stack) if single else stored_channels(files, stack)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from abc import abstractmethod
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +16,11 @@ from mipbake.base.version import __version__
 from mipbake.source.images import dds, ktx2
 from mipbake.source.images.blocks import StoredLevel, Weigh, levels_of, to_blocks
 from mipbake.source.images.file_facts import FileInfo, colour_space, told
-from mipbake.source.images.gpu_format import GPU_FORMATS, GpuFormat, GpuTexture, level_size
+from mipbake.source.images.gpu_format import GPU_FORMATS, GpuFormat, GpuTexture
 from mipbake.source.images.image_files import ABOUT
-from mipbake.source.images.quantise import check_fits, dequantised, quantised
-from mipbake.source.images.read_back import Band
+from mipbake.source.images.quantise import check_fits, quantised
 from mipbake.source.layout import ENCODINGS, LOG, FileLayout
+from mipbake.stack.container import Band, Container, Sizes, Texels
 
 _BC = ("BC4_UNORM_BLOCK", "BC5_UNORM_BLOCK", "BC7_UNORM_BLOCK", "BC7_UNORM_BLOCK")
 _FORMATS = {
@@ -28,77 +28,9 @@ _FORMATS = {
     "rgba16f": ("R16G16B16A16_SFLOAT",) * 4,
     "bc": _BC,
     "bc1": (*_BC[:2], "BC1_RGB_UNORM_BLOCK", _BC[3]),
-    "uastc": (
-        *("UASTC_RGB_UNORM_BLOCK", "UASTC_RG_UNORM_BLOCK"),
-        *("UASTC_RGB_UNORM_BLOCK", "UASTC_RGBA_UNORM_BLOCK"),
-    ),
+    "uastc": (*("UASTC_RGB_UNORM_BLOCK", "UASTC_RG_UNORM_BLOCK"), *("UASTC_RGB_UNORM_BLOCK", "UASTC_RGBA_UNORM_BLOCK")),
 }
 """The format of a file with one, two, three and four channels, by the name that users give."""
-
-
-@dataclass(frozen=True)
-class GpuContainer:
-    """A kind of file that holds one texture with its levels.
-
-    Args:
-        name: what users call it, and how names of its files end.
-        summary: one line for help texts.
-        texels: what its files may have, the default first.
-        encode: the bytes of a file that holds a texture.
-        decode: the texture that the bytes of a file hold; InputError, which calls the file by the name that is given,
-            where there is none.
-        signature, info: see Container.
-    """
-
-    name: str
-    summary: str
-    texels: tuple[str, ...]
-    encode: Callable[[GpuTexture], bytes]
-    decode: Callable[[bytes, str], GpuTexture]
-    signature: bytes
-    info: Callable[[Path], FileInfo]
-
-
-def _ktx2_info(path: Path) -> FileInfo:
-    """Of files of kinds that are not read, what their header tells."""
-    data = disk.read_bytes(path)
-    if not data.startswith(ktx2.IDENTIFIER):
-        raise InputError(f"{path} is not a KTX 2 file: it does not begin like one; bake or download it again")
-    outline = ktx2.outline(data, str(path))
-    values: dict[str, str] = {}
-    if outline.readable:
-        ktx2.stored(data, str(path))  # whether it is complete
-        values = {key: value.rstrip(b"\0").decode("utf-8", "replace") for key, value in outline.values.items()}
-    about, space = told(values.pop(ABOUT, "")), colour_space(outline.srgb)
-    return FileInfo(path, "KTX 2", outline.texels, (), outline.levels, space, len(data), about, values)
-
-
-def _dds_info(path: Path) -> FileInfo:
-    texture = dds.decoded(disk.read_bytes(path), str(path))
-    made = texture.format
-    levels = tuple(level_size(texture.width, texture.height, index) for index in range(len(texture.levels)))
-    return FileInfo(path, "DDS (Direct3D 10)", made.name, (), levels, colour_space(made.srgb), path.stat().st_size)
-
-
-KTX2 = GpuContainer(
-    "ktx2",
-    "one KTX 2 file for each map, supercompressed with Zstandard",
-    ("bc", "uastc", "rgba8", "rgba16f"),
-    partial(ktx2.encoded, supercompress=True),
-    ktx2.decoded,
-    ktx2.IDENTIFIER,
-    _ktx2_info,
-)
-DDS = GpuContainer(
-    "dds",
-    "one DDS file for each map, with the header of Direct3D 10",
-    ("bc", "bc1", "rgba8", "rgba16f"),
-    dds.encoded,
-    dds.decoded,
-    dds.MAGIC,
-    _dds_info,
-)
-GPU_CONTAINERS = (KTX2, DDS)
 
 
 _ROUNDS, _SHRUNK, _RADIUS = 12, 0.95, 0.998
@@ -117,27 +49,33 @@ def _upright(found: StoredLevel, wanted: NDArray[np.generic]) -> tuple[bool, NDA
     return False, np.where(inside, 0.5 + np.float32(_SHRUNK) * (np.asarray(wanted, np.float32) - 0.5), wanted)
 
 
-class GpuFile:
-    """A KTX 2 or DDS file for each map.
+class GpuFile(Container):
+    """A file for each map, which holds one texture with its levels. `choices`: the texels that files of a kind may
+    have, the default first.
 
     Args:
-        container: which of the two.
         texels: "bc": BC4, BC5 and BC7 by the number of channels; "bc1": BC1 in place of BC7 where there is no alpha
             channel; "uastc"; "rgba8"; "rgba16f", half floats with colours linear Rec.709. Colours are sRGB-encoded in
             all other formats. One channel fills red, green and blue where a format has more.
     """
 
-    complete = False
+    choices: tuple[str, ...]
 
-    def __init__(self, container: GpuContainer, texels: str) -> None:
-        self._container = container
-        self.name, self.texels = container.name, texels
-        self.summary = container.summary
-        self.signature, self.info = container.signature, container.info
+    def __init__(self, texels: str) -> None:
+        self.texels = texels
         stored = GPU_FORMATS[_FORMATS[texels][0]]
         self.exact = stored.side == 1
         self._kind = "half" if stored.is_float else "8"
-        self.encodings = ENCODINGS if stored.is_float else ENCODINGS - {LOG}
+        if not stored.is_float:
+            self.encodings = ENCODINGS - {LOG}
+
+    @abstractmethod
+    def encoded(self, texture: GpuTexture) -> bytes:
+        """The bytes of a file that holds a texture."""
+
+    @abstractmethod
+    def decoded(self, data: bytes, name: str) -> GpuTexture:
+        """The texture that the bytes of a file hold; InputError, which calls the file by the name, for none."""
 
     @property
     def finer(self) -> str:
@@ -146,7 +84,7 @@ class GpuFile:
             return "exr:float"
         return f"{self.name}:{'bc' if self.texels == 'bc1' else 'rgba16f'}"
 
-    def gpu_bytes(self, layout: FileLayout, sizes: Sequence[tuple[int, int]]) -> int:
+    def gpu_bytes(self, layout: FileLayout, sizes: Sizes) -> int:
         """How much of a graphics card's memory a file takes with levels of (height, width)."""
         made = self.gpu_format(layout)
         return sum(made.level_size(width, height) for height, width in sizes)
@@ -166,11 +104,6 @@ class GpuFile:
         """See Container. Formats of one and two channels have no sRGB form."""
         return layout.is_colour and len(layout.channels) >= 3 and self._kind != "half"
 
-    def files(self, layout: FileLayout, levels: int) -> list[str]:
-        """See Container."""
-        del levels
-        return [f"{layout.name}.{self.name}"]
-
     def quantise(self, values: NDArray[np.float64], layout: FileLayout) -> NDArray[np.generic]:
         """See Container. Texels of blocks are not rounded: the numbers that a block can hold depend on the block."""
         what = f"the map {layout.name}"
@@ -179,33 +112,18 @@ class GpuFile:
         check_fits(values, self._kind, what)
         return np.clip(values, 0, 1).astype(np.float32)
 
-    def dequantise(self, texels: NDArray[np.generic]) -> NDArray[np.floating]:
-        """See Container."""
-        return dequantised(texels)
-
     def write(
-        self,
-        folder: Path,
-        layout: FileLayout,
-        levels: Sequence[NDArray[np.generic]],
-        wrap: tuple[str, str],
-        about: str,
-        weigh: Weigh | None = None,
+        self, folder: Path, layout: FileLayout, levels: Texels, wrap: tuple[str, str], about: str, weigh: Weigh | None
     ) -> None:
         """See Container."""
         del wrap  # neither container has a place for it; `about` tells
         texture = self.texture(layout, levels, about, weigh)
         path = folder / self.files(layout, len(levels))[0]
-        path.write_bytes(self._container.encode(texture))
-        found = self._opened(path)
-        if (found.format, found.width, found.height, found.levels) != (
-            *(texture.format, texture.width, texture.height, texture.levels),
-        ):
+        path.write_bytes(self.encoded(texture))
+        if replace(self._opened(path), values=texture.values) != texture:
             raise OutputError(f"{path} changed while it was written: check the disk")
 
-    def texture(
-        self, layout: FileLayout, levels: Sequence[NDArray[np.generic]], about: str, weigh: Weigh | None = None
-    ) -> GpuTexture:
+    def texture(self, layout: FileLayout, levels: Texels, about: str, weigh: Weigh | None = None) -> GpuTexture:
         """The encoded texture of a map, from quantised levels; `weigh`: see Container.write."""
         made = self.gpu_format(layout)
         height, width = levels[0].shape[:2]
@@ -225,12 +143,12 @@ class GpuFile:
                 texture = replace(texture, levels=to_blocks(levels, made, weigh))
         return texture
 
-    def read(self, folder: Path, layout: FileLayout, sizes: Sequence[tuple[int, int]]) -> list[StoredLevel]:
+    def read(self, folder: Path, layout: FileLayout, sizes: Sizes) -> list[StoredLevel]:
         """See Container: levels are decoded when they are read."""
         path = folder / self.files(layout, len(sizes))[0]
         texture = self._opened(path)
         expected = self.gpu_format(layout)
-        found = [level_size(texture.width, texture.height, index)[::-1] for index in range(len(texture.levels))]
+        found = [size[::-1] for size in texture.sizes]
         if texture.format != expected or found != list(sizes):
             raise InputError(
                 f"{path} has {len(found)} levels of {texture.format.name}, the first {texture.width} x "
@@ -239,10 +157,65 @@ class GpuFile:
             )
         return levels_of(texture, len(layout.channels))
 
-    def bands(self, folder: Path, layout: FileLayout, sizes: Sequence[tuple[int, int]]) -> Iterator[Band]:
-        """See Container: levels as a whole, and of blocks, which have been compared as they are, none."""
-        levels = self.read(folder, layout, sizes)
-        return (Band(i, slice(0, level.shape[0]), level[...]) for i, level in enumerate(levels) if self.exact)
+    def bands(self, folder: Path, layout: FileLayout, sizes: Sizes) -> Iterator[Band]:
+        """See Container: of blocks, which have been compared as they are, none."""
+        if self.exact:
+            return super().bands(folder, layout, sizes)
+        self.read(folder, layout, sizes)
+        return iter(())
 
     def _opened(self, path: Path) -> GpuTexture:
-        return self._container.decode(disk.read_bytes(path), str(path))
+        return self.decoded(disk.read_bytes(path), str(path))
+
+
+class Ktx2File(GpuFile):
+    """A KTX 2 file for each map."""
+
+    name = "ktx2"
+    summary = "one KTX 2 file for each map, supercompressed with Zstandard"
+    choices = ("bc", "uastc", "rgba8", "rgba16f")
+    signature = ktx2.IDENTIFIER
+
+    def encoded(self, texture: GpuTexture) -> bytes:
+        """See GpuFile."""
+        return ktx2.encoded(texture, supercompress=True)
+
+    def decoded(self, data: bytes, name: str) -> GpuTexture:
+        """See GpuFile."""
+        return ktx2.decoded(data, name)
+
+    def info(self, path: Path) -> FileInfo:
+        """See Container: of files of kinds that are not read, what their header tells."""
+        data = disk.read_bytes(path)
+        if not data.startswith(ktx2.IDENTIFIER):
+            raise InputError(f"{path} is not a KTX 2 file: it does not begin like one; bake or download it again")
+        outline = ktx2.outline(data, str(path))
+        values: dict[str, str] = {}
+        if outline.readable:
+            ktx2.stored(data, str(path))  # whether it is complete
+            values = {key: value.rstrip(b"\0").decode("utf-8", "replace") for key, value in outline.values.items()}
+        about, space = told(values.pop(ABOUT, "")), colour_space(outline.srgb)
+        return FileInfo(path, "KTX 2", outline.texels, (), outline.levels, space, len(data), about, values)
+
+
+class DdsFile(GpuFile):
+    """A DDS file for each map."""
+
+    name = "dds"
+    summary = "one DDS file for each map, with the header of Direct3D 10"
+    choices = ("bc", "bc1", "rgba8", "rgba16f")
+    signature = dds.MAGIC
+
+    def encoded(self, texture: GpuTexture) -> bytes:
+        """See GpuFile."""
+        return dds.encoded(texture)
+
+    def decoded(self, data: bytes, name: str) -> GpuTexture:
+        """See GpuFile."""
+        return dds.decoded(data, name)
+
+    def info(self, path: Path) -> FileInfo:
+        """See Container."""
+        found = self._opened(path)
+        space, size = colour_space(found.format.srgb), path.stat().st_size
+        return FileInfo(path, "DDS (Direct3D 10)", found.format.name, (), found.sizes, space, size)

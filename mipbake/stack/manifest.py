@@ -94,15 +94,8 @@ def read_manifest(path: Path) -> dict[str, Any]:
 
 
 def declared(path: Path, what: str, command: str, schema: str, version: int) -> dict[str, Any]:
-    """What a JSON file of ours declares.
-
-    Args:
-        path: the file. what: what it describes. command: the command of mipbake that writes it.
-        schema: its name. version: the version of the schema that can be read.
-
-    Raises:
-        InputError: the file is missing, broken, or of another schema or version.
-    """
+    """What a JSON file of ours declares, of a schema and a version of it; InputError where it is missing, broken, or of
+    another. `what` it describes, and the `command` of mipbake that writes it, are for sentences."""
     try:
         found = parsed(disk.read_bytes(path, f"what `mipbake {command}` wrote"))
     except ValueError as error:

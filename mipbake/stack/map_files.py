@@ -19,14 +19,13 @@ from mipbake.base.json_text import parsed
 from mipbake.base.messages import listed
 from mipbake.base.publish import IsOurs, check_room, is_companion, published
 from mipbake.base.threads import on_threads
+from mipbake.source.images.blocks import StoredLevel
 from mipbake.source.layout import COLOUR, FLIPPED, INVERTED, SIGNED, FileChannel, FileLayout, from_file, to_file
 from mipbake.source.options import CARRIED
 from mipbake.stack.block_weights import BlockWeights
-from mipbake.stack.containers import Container, Level
+from mipbake.stack.container import Container, Texels
 
 Levels: TypeAlias = list[NDArray[np.float32]]
-Texels: TypeAlias = Sequence[NDArray[np.generic]]
-"""What a container stores of every level of a file, (H_L, W_L, channels)."""
 
 CONVENTIONS = {
     "images": "top row first; texel (row i, column j) is centred at u = (j + 1/2) / width, v = (i + 1/2) / height",
@@ -97,31 +96,31 @@ class GivenBack(MadeLevels):
         return self._count
 
     def _level(self, index: int) -> NDArray[np.float32]:
-        return stood_for(self._texels(index, ...), self._container, self._layout)
+        texels = self._texels(index, ...)
+        out = memory.empty(texels.shape)
+        for block, part in zip(row_blocks(out), row_blocks(texels), strict=True):
+            block[:] = self._meant(part)
+        return out
 
     def at(self, index: int, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> NDArray[np.float32]:
         """(..., channels) of the texels of a level that lie in (...) rows and columns."""
-        texels = self._texels(index, (rows, columns))
+        return self._meant(self._texels(index, (rows, columns)))
+
+    def _meant(self, texels: NDArray[np.generic]) -> NDArray[np.float32]:
+        """What texels (..., channels) stand for."""
         srgb = self._container.srgb(self._layout)
         return from_file(self._container.dequantise(texels), self._layout.encodings, srgb)
 
 
 def save_maps(
-    place: Path,
-    manifest_name: str,
-    manifest: Mapping[str, Any],
-    write: Callable[[Path], object],
-    is_ours: IsOurs,
+    place: Path, manifest_name: str, manifest: Mapping[str, Any], write: Callable[[Path], object], is_ours: IsOurs
 ) -> list[Path]:
     """Publishes a folder of maps with the manifest that describes them; gives its files, the manifest first.
+    OutputError where it cannot be written, or holds anything else.
 
     Args:
         place: the folder; it appears when it is complete, in the place of an earlier one that `is_ours`.
-        manifest: with `maps` or `outputs` as `described` gives them.
-        write: from `write_files`.
-
-    Raises:
-        OutputError: the folder cannot be written, or holds anything else.
+        manifest: with `maps` or `outputs` as `described` gives them. write: from `write_files`.
     """
     with published(place, is_ours) as folder:
         write(folder)
@@ -132,16 +131,12 @@ def save_maps(
 def write_files(
     files: Sequence[MapFile], wrap: tuple[str, str], about: str, progress: Callable[[float], None]
 ) -> Callable[[Path], list[MapFile | None]]:
-    """What writes files into a folder, side by side, and reads every level back to compare.
+    """What writes files into a folder, side by side, and reads every level back to compare. `about`: how they were
+    made, as JSON, for containers that have a place for it.
 
-    It returns the files as they were read back, in the same order; None for files of containers that are not exact.
-
-    Args:
-        about: how they were made, as JSON, for containers that have a place for it.
-
-    Raises:
-        UsageError: when called, for a value that a container cannot hold.
-        OutputError: when called, for what cannot be written or does not read back.
+    It returns the files as they were read back, in the same order; None for files of containers that are not exact. It
+    raises UsageError for a value that a container cannot hold, OutputError for what cannot be written or does not read
+    back.
     """
 
     def write_one(folder: Path, file: MapFile) -> MapFile | None:
@@ -164,12 +159,8 @@ def write_files(
 
 
 def read_files(container: Callable[[str], Container], folder: Path, entries: Mapping[str, Any]) -> list[MapFile]:
-    """Every file that entries of a manifest describe. InputError when one is missing or broken.
-
-    Args:
-        container: of texels of a name.
-        entries: file name to what `described` says of it; KeyError, TypeError or ValueError where it says it not.
-    """
+    """Every file that entries of a manifest describe, by containers of texels of a name. InputError when one is missing
+    or broken; KeyError, TypeError or ValueError where an entry is not as `described` makes it."""
     files = []
     for name, entry in entries.items():
         if Path(name).name != name or name in ("", ".", ".."):
@@ -187,7 +178,9 @@ def read_files(container: Callable[[str], Container], folder: Path, entries: Map
     return files
 
 
-def given_back(container: Container, layout: FileLayout, texels: Sequence[Level]) -> GivenBack:
+def given_back(
+    container: Container, layout: FileLayout, texels: Sequence[NDArray[np.generic] | StoredLevel]
+) -> GivenBack:
     """What the texels stand for that were read from a file."""
     return GivenBack(container, layout, len(texels), lambda level, at: texels[level][at])
 
@@ -273,13 +266,8 @@ def is_result_folder(path: Path, manifests: Sequence[Path], schema: str) -> bool
 
 
 def check_same_sources(manifests: Sequence[Path], what: str, sources: Mapping[str, str]) -> None:
-    """OutputError where an earlier result shares no source file with the one to be written in its place.
-
-    Args:
-        manifests: of the earlier result, one or more.
-        what: it is, in a word.
-        sources: source file name to SHA-256, empty where the file has not been read yet.
-    """
+    """OutputError where an earlier result, by its manifests, shares no source file with `what` is to be written in its
+    place. `sources`: source file name to SHA-256, empty where the file has not been read yet."""
     names: list[str] = []
     earlier: dict[str, str] = {}
     for file in manifests:
@@ -311,16 +299,6 @@ def quantised_levels(file: MapFile) -> list[NDArray[np.generic]]:
     return [_quantised(level, file) for level in file.levels]
 
 
-def stood_for(texels: NDArray[np.generic], container: Container, layout: FileLayout) -> NDArray[np.float32]:
-    """What a container's texels of one level of a file stand for."""
-    srgb = container.srgb(layout)
-    parts = (from_file(container.dequantise(block), layout.encodings, srgb) for block in row_blocks(texels))
-    out = memory.empty(texels.shape)
-    for block, part in zip(row_blocks(out), parts, strict=True):
-        block[:] = part
-    return out
-
-
 def row_blocks(level: NDArray[Any]) -> Iterator[NDArray[Any]]:
     """Views of some rows each, for what takes float64 on the way: a level of it would be the most that a bake holds."""
     return (level[rows] for rows in memory.some_rows(level))
@@ -350,9 +328,8 @@ def _quantised(
 
 def _verify(folder: Path, file: MapFile, levels: Texels) -> None:
     """Reads a file back and compares: writers are known to report success for files that are incomplete."""
-    name, exact = file.layout.name, file.container.exact
     sizes = [(level.shape[0], level.shape[1]) for level in levels]
-    for band in file.container.bands(folder, file.layout, sizes):
-        # Containers that are not exact have compared what they compressed themselves.
-        if exact and not np.array_equal(levels[band.level][band.rows], band.texels):
-            raise OutputError(f"level {band.level} of the map {name} changed while it was written: check the disk")
+    for level, rows, texels in file.container.bands(folder, file.layout, sizes):
+        if not np.array_equal(levels[level][rows], texels):
+            name = file.layout.name
+            raise OutputError(f"level {level} of the map {name} changed while it was written: check the disk")

@@ -30,9 +30,8 @@ class Looks:
 
 @dataclass(frozen=True)
 class MeasuredLevel:
-    """A level of a stack, measured on renders that nothing was fitted to and that decided nothing.
-
-    Figures are SNR in dB against the pixel-filtered reference, means over groups of 64 light-view pairs, by pair set
+    """A level of a stack, measured on renders that nothing was fitted to and that decided nothing. Figures are SNR in
+    dB against the pixel-filtered reference, means over groups of 64 light-view pairs, by pair set
     (mipbake.quality.metrics.pairs.PAIR_SETS).
 
     Args:

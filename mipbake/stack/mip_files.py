@@ -5,20 +5,23 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.base.errors import InputError
 from mipbake.source.images.blocks import Weigh
+from mipbake.source.images.file_facts import FileInfo
 from mipbake.source.images.image_files import ABOUT, write_image
-from mipbake.source.images.oiio_levels import PlainTexels, reader, specification, take, take_all, take_bands
-from mipbake.source.images.read_back import Band
+from mipbake.source.images.oiio_levels import image_info, take_all, take_bands
+from mipbake.source.images.quantise import quantised
 from mipbake.source.layout import ENCODINGS, LOG, FileLayout
+from mipbake.stack.container import Band, Container, Sizes, Texels
 
 if TYPE_CHECKING:
     import OpenImageIO
+
+_T = TypeVar("_T")
 
 _TILE = 64
 
@@ -26,46 +29,89 @@ _ZIP = 2
 """Level of EXR's compression, from 1 to 9. The default of the library, 4, takes a tenth more time and saves 1 % of
 bytes, and 1 costs up to 7 % of bytes: measured on 23 sets."""
 
+_WRAP_MODES = {"wrap": "periodic", "clamp": "clamp"}
+"""What renderers call addressing, in the attribute `wrapmodes`."""
 
-class _AllLevels(PlainTexels):
-    """One file for all levels of a map, in tiles of 64 x 64, levels rounded down, ZIP-compressed."""
+
+class PlainTexels(Container):
+    """Containers whose texels are plain numbers: integers or floating-point ones.
+
+    Args:
+        texels: a name in `mipbake.source.images.quantise.KINDS`.
+    """
 
     append: str
-    """How OpenImageIO calls the writing of another level."""
+    """How OpenImageIO calls the writing of another level into a file."""
 
-    named = True
-    """Whether the file knows names of channels."""
+    named = False
+    """Whether a file knows names of channels."""
+
+    def __init__(self, texels: str) -> None:
+        self.texels = texels
 
     @abstractmethod
     def describe(self, spec: OpenImageIO.ImageSpec, layout: FileLayout, about: str) -> None:
         """Adds what this kind of file says of each level."""
 
+    @property
+    def finer(self) -> str | None:
+        """See Container."""
+        if self.texels == "float":
+            return None
+        own = {"8": "16", "half": "float"}.get(self.texels)
+        return f"{self.name}:{own}" if own else "exr"
+
+    def precision(self, layout: FileLayout | None = None) -> str:
+        """See Container: as OpenImageIO calls it."""
+        del layout
+        return {"8": "uint8", "16": "uint16"}.get(self.texels, self.texels)
+
+    def quantise(self, values: NDArray[np.float64], layout: FileLayout) -> NDArray[np.generic]:
+        """See Container."""
+        return quantised(values, self.texels, f"the map {layout.name}")
+
     def write(
-        self,
-        folder: Path,
-        layout: FileLayout,
-        levels: Sequence[NDArray[np.generic]],
-        wrap: tuple[str, str],
-        about: str,
-        weigh: Weigh | None = None,
+        self, folder: Path, layout: FileLayout, levels: Texels, wrap: tuple[str, str], about: str, weigh: Weigh | None
     ) -> None:
         """See Container."""
         del weigh  # texels are rounded one by one
+        for first, path, held in self._held(folder, layout, levels):
+            told = "" if first else about
+            described = ((self._described(layout, level, wrap, told), level) for level in held)
+            write_image(path, described, self.append)
 
-        def described(level: NDArray[np.generic]) -> OpenImageIO.ImageSpec:
-            spec = specification(layout, level, self.stored, wrap)
-            self.describe(spec, layout, about)
-            return spec
-
-        write_image(self._path(folder, layout), ((described(level), level) for level in levels), self.append)
-
-    def read(self, folder: Path, layout: FileLayout, sizes: Sequence[tuple[int, int]]) -> list[NDArray[np.generic]]:
+    def read(self, folder: Path, layout: FileLayout, sizes: Sizes) -> Texels:
         """See Container."""
-        names = layout.channel_names if self.named else None
-        return take_all(self._path(folder, layout), sizes, names, len(layout.channels), self.stored)
+        names, count = layout.channel_names if self.named else None, len(layout.channels)
+        files = self._held(folder, layout, sizes)
+        return [each for at, path, held in files for each in take_all(path, held, names, count, self.precision(), at)]
 
-    def _path(self, folder: Path, layout: FileLayout) -> Path:
-        return folder / self.files(layout, 1)[0]
+    def info(self, path: Path) -> FileInfo:
+        """See Container."""
+        return image_info(path)
+
+    def _held(self, folder: Path, layout: FileLayout, levels: Sequence[_T]) -> Iterator[tuple[int, Path, Sequence[_T]]]:
+        """Every file, its first level, and what of all levels it holds."""
+        names = self.files(layout, len(levels))
+        each = len(levels) // len(names)
+        return ((i * each, folder / name, levels[i * each : (i + 1) * each]) for i, name in enumerate(names))
+
+    def _described(
+        self, layout: FileLayout, level: NDArray[np.generic], wrap: tuple[str, str], about: str
+    ) -> OpenImageIO.ImageSpec:
+        import OpenImageIO
+
+        height, width, channels = level.shape
+        spec = OpenImageIO.ImageSpec(width, height, channels, self.precision())
+        spec.channelnames = layout.channel_names
+        # The fourth channel is data like the others: colours must not be multiplied or divided by it.
+        spec.alpha_channel = -1
+        spec.attribute("oiio:UnassociatedAlpha", 1)
+        spec.attribute("wrapmodes", ",".join(_WRAP_MODES[mode] for mode in wrap))
+        # Otherwise the time of writing is stored, and no two bakes would be the same file.
+        spec.attribute("DateTime", "1970:01:01 00:00:00")
+        self.describe(spec, layout, about)
+        return spec
 
 
 def _mipmapped(spec: OpenImageIO.ImageSpec) -> None:
@@ -74,8 +120,8 @@ def _mipmapped(spec: OpenImageIO.ImageSpec) -> None:
     spec.attribute("textureformat", "Plain Texture")
 
 
-class MipExr(_AllLevels):
-    """Colours are linear Rec.709.
+class MipExr(PlainTexels):
+    """One file for all levels of a map, in tiles of 64 x 64, levels rounded down; colours are linear Rec.709.
 
     Args:
         texels: "half" or "float".
@@ -84,9 +130,9 @@ class MipExr(_AllLevels):
 
     name = "exr"
     summary = "one MIP-mapped OpenEXR file for each map, with linear colours"
-    encodings = ENCODINGS
     complete = True
     append = "AppendMIPLevel"
+    named = True
 
     def __init__(self, texels: str = "half", mipmapped: bool = True) -> None:
         super().__init__(texels)
@@ -106,16 +152,16 @@ class MipExr(_AllLevels):
         if layout.is_colour:
             spec.attribute("oiio:ColorSpace", "lin_rec709")
 
-    def bands(self, folder: Path, layout: FileLayout, sizes: Sequence[tuple[int, int]]) -> Iterator[Band]:
+    def bands(self, folder: Path, layout: FileLayout, sizes: Sizes) -> Iterator[Band]:
         """See Container."""
         if not self._mipmapped:
             return super().bands(folder, layout, sizes)
-        path, names = self._path(folder, layout), layout.channel_names
-        return take_bands(path, sizes, names, len(layout.channels), self.stored, _TILE)
+        ((_, path, _),) = self._held(folder, layout, sizes)
+        return take_bands(path, sizes, layout.channel_names, len(layout.channels), self.precision(), _TILE)
 
 
-class MipTx(_AllLevels):
-    """A TIFF, as renderers with OpenImageIO's texture system read it.
+class MipTx(PlainTexels):
+    """A tiled TIFF for all levels of a map, as renderers with OpenImageIO's texture system read it.
 
     Args:
         texels: "half" or "float", with colours linear Rec.709; "8" or "16" bits, with colours sRGB-encoded.
@@ -123,13 +169,12 @@ class MipTx(_AllLevels):
 
     name = "tx"
     summary = "one tiled, MIP-mapped TIFF for each map, as Arnold and other renderers read them"
-    complete = False
     append = "AppendSubimage"  # the library says that TIFF has no levels, and takes subimages for them in textures
-    named = False
 
     def __init__(self, texels: str = "half") -> None:
         super().__init__(texels)
-        self.encodings = ENCODINGS if texels in ("half", "float") else ENCODINGS - {LOG}
+        if texels in ("8", "16"):
+            self.encodings = ENCODINGS - {LOG}
 
     def srgb(self, layout: FileLayout) -> bool:
         """See Container."""
@@ -159,7 +204,7 @@ class MipPng(PlainTexels):
     name = "png"
     summary = "one PNG file for each level of each map, with sRGB-encoded colours"
     encodings = ENCODINGS - {LOG}
-    complete = False
+    append = ""
 
     def __init__(self, texels: str = "8", numbered: bool = True) -> None:
         super().__init__(texels)
@@ -175,40 +220,11 @@ class MipPng(PlainTexels):
             return [f"{layout.name}.png"][:levels]
         return [f"{layout.name}_mip{level:02}.png" for level in range(levels)]
 
-    def write(
-        self,
-        folder: Path,
-        layout: FileLayout,
-        levels: Sequence[NDArray[np.generic]],
-        wrap: tuple[str, str],
-        about: str,
-        weigh: Weigh | None = None,
-    ) -> None:
-        """See Container."""
-        del weigh  # texels are rounded one by one
-        for index, (name, level) in enumerate(zip(self.files(layout, len(levels)), levels, strict=True)):
-            spec = specification(layout, level, self.stored, wrap)
-            # Data maps get no gamma chunk at all: a viewer must not touch them.
-            spec.attribute("oiio:ColorSpace", "sRGB" if layout.is_colour else "Raw")
-            # A third of the default level's time for files 6 % larger (1024 x 1024 colours and normals).
-            spec.attribute("png:compressionLevel", 4)
-            if index == 0:
-                spec.attribute(ABOUT, about)
-            write_image(folder / name, [(spec, level)])
-
-    def read(self, folder: Path, layout: FileLayout, sizes: Sequence[tuple[int, int]]) -> list[NDArray[np.generic]]:
-        """See Container."""
-        levels = []
-        for index, (name, size) in enumerate(zip(self.files(layout, len(sizes)), sizes, strict=True)):
-            path = folder / name
-            source = reader(path)
-            try:
-                if source.spec().nchannels != len(layout.channels):
-                    raise InputError(
-                        f"{path} has {source.spec().nchannels} channels, expected {len(layout.channels)}: "
-                        "bake or convert it again"
-                    )
-                levels.append(take(source, path, index, size, None, self.stored))
-            finally:
-                source.close()
-        return levels
+    def describe(self, spec: OpenImageIO.ImageSpec, layout: FileLayout, about: str) -> None:
+        """Adds colour space, compression and, at level 0, provenance."""
+        # Data maps get no gamma chunk at all: a viewer must not touch them.
+        spec.attribute("oiio:ColorSpace", "sRGB" if layout.is_colour else "Raw")
+        # A third of the default level's time for files 6 % larger (1024 x 1024 colours and normals).
+        spec.attribute("png:compressionLevel", 4)
+        if about:
+            spec.attribute(ABOUT, about)

@@ -10,7 +10,8 @@ from mipbake.source.images.quantise import fits
 from mipbake.source.layout import ENCODINGS, LAYOUTS, FileLayout, to_file
 from mipbake.source.tiles import name_without, names_tile
 from mipbake.stack.block_weights import BlockWeights
-from mipbake.stack.containers import DEFAULT_FORMAT, FORMATS, Container, format_named
+from mipbake.stack.container import Container
+from mipbake.stack.containers import DEFAULT_FORMAT, FORMATS, format_named
 from mipbake.stack.map_files import Levels, MapFile, row_blocks
 from mipbake.stack.packing import SEPARATE, SOURCE, Normals, pack
 from mipbake.stack.stack import MipStack

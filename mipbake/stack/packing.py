@@ -64,8 +64,7 @@ PACKINGS: Mapping[str, tuple[PackedFile, ...]] = {
     "mask-map": (
         _BASE,
         PackedFile(
-            "mask_map",
-            (Piece("metallic"), _OCCLUSION, Piece("", default=1.0), Piece("roughness", inverted=True)),
+            "mask_map", (Piece("metallic"), _OCCLUSION, Piece("", default=1.0), Piece("roughness", inverted=True))
         ),
     ),
     "metallic-smoothness": (
@@ -150,17 +149,12 @@ def pack(
     wrap: Wrap = ("wrap", "wrap"),
 ) -> list[tuple[FileLayout, Levels]]:
     """The files of a stack, with levels (H_L, W_L, channels of the file): views of the maps where a file holds
-    neighbouring channels of one map.
+    neighbouring channels of one map. UsageError for an unknown packing or convention.
 
     Args:
-        maps: of the stack.
         packing: a name in `PACKINGS`.
         source: files of the source, from `source_files`; where they are unknown, `source` means `separate`.
-        normals: how normals are written.
         wrap: addressing, for maps that are resampled to share a file.
-
-    Raises:
-        UsageError: an unknown packing or convention.
     """
     packing = known_name("packing", packing, PACKINGS)
     known_name("normal convention", normals.convention, (SOURCE, "opengl", "directx"))
@@ -270,12 +264,8 @@ def _resampled(chain: Levels, size: tuple[int, int], wrap: Wrap) -> NDArray[np.f
 
 
 def unpacked(files: Sequence[tuple[FileLayout, Sequence[NDArray[np.float32]]]], model: str) -> dict[str, Levels]:
-    """Maps with their levels from the files that hold them; the third channel of normals where files have two of it.
-
-    Args:
-        files: of one output of a stack, or of a material.
-        model: material model of the stack, a name in `mipbake.source.layout.LAYOUTS`.
-    """
+    """Maps with their levels from the files of one output that hold them; the third channel of normals where files have
+    two of it."""
     channels: dict[str, dict[int, Levels]] = {}
     for layout, chain in files:
         levels = list(chain)  # once, where levels are made as they are asked for

@@ -36,9 +36,7 @@ class Preset:
     """What an engine loads.
 
     Args:
-        name: of the preset.
-        engine: in words.
-        outputs: files that are written.
+        engine: in words. outputs: files that are written.
         anisotropic: whether its standard material reads `gltf-anisotropic`; sets with an anisotropy map are baked for
             `gltf` where it does not.
         documents: whether glTF sources become a GLB, and get no files of maps.
@@ -187,15 +185,11 @@ def wanted_outputs(
     write_normals: str | None = None,
 ) -> tuple[tuple[Output, ...], bool, str]:
     """The outputs of a preset with what the user wants otherwise, or the outputs for formats; whether a GLB is wanted;
-    and the texels of its textures.
+    and the texels of its textures. UsageError where a name is unknown, or the choices contradict each other.
 
     Args:
-        preset: what is meant where nothing else is said.
         format: formats by name, separated by commas, each with texels where they are not the default; `GLB` is one.
         packing: a name in `mipbake.stack.packing.PACKINGS`. write_normals: "source", "opengl" or "directx".
-
-    Raises:
-        UsageError: a name is unknown, or the choices contradict each other.
     """
     if packing is not None:
         packing = known_name("packing", packing, PACKINGS)

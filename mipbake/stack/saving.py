@@ -160,11 +160,9 @@ def as_stack(stack: MipStack | str | os.PathLike[str]) -> MipStack:
 
 def open_stack(path: str | Path) -> MipStack:
     """Reads a stack that `MipStack.save` wrote, whatever its format, from its folder or by its `stack.1001.json`.
+    InputError where none is there, a map is missing or broken, or the schema is of a later version.
 
     The values come from the files, as an engine samples them: vectors are unit only up to the rounding of the format.
-
-    Raises:
-        InputError: no stack there, a map that is missing or broken, or a schema of a later version.
     """
     file = manifest_path(path)
     folder, manifest = file.parent, read_manifest(file)

@@ -46,13 +46,9 @@ class Sidecar:
 
 
 def neural_compression(files: Sequence[MapFile], tile: int = 0) -> Sidecar:
-    """The manifest that `ntc-cli --loadManifest` of NVIDIA's RTX Neural Texture Compression takes.
-
-    Args:
-        files: of one output in PNG files, every level a file of its own. The maps that shade come first, and what would
-            be more than 16 channels is left out.
-        tile: UDIM number of the stack, which is then part of the name; 0 for none.
-    """
+    """The manifest that `ntc-cli --loadManifest` of NVIDIA's RTX Neural Texture Compression takes, of files of one
+    output in PNG, and a UDIM tile (0: none). The maps that shade come first, and what would be more than 16 channels is
+    left out."""
     name = f"{_NAME}.{tile}.json" if tile else f"{_NAME}.json"
     entries: list[dict[str, Any]] = []
     left_out: list[str] = []

@@ -31,14 +31,11 @@ def stacks_of(read: Mosaic, baked: MipStack) -> Iterator[tuple[TextureSet, MipSt
 
 def split(stack: MipStack, mosaic: Mosaic) -> Mapping[int, MipStack]:
     """The stack of every tile, cut out of the stack of the mosaic: tile number to a complete chain down to 1 x 1,
-    clamped.
+    clamped. UsageError where the stack is not the stack of the mosaic.
 
     Levels whose texels divide the tile evenly are cut out exactly: all of a square tile whose side is a power of two.
     The others are looked up in the mosaic's levels where their texels lie, trilinearly, as an engine would. Opacity
     that is tested against a cutoff keeps the coverage of each tile.
-
-    Raises:
-        UsageError: the stack is not the stack of the mosaic.
     """
     texture_set = mosaic.texture_set
     if stack.size != (texture_set.height, texture_set.width) or set(stack.extra) != set(texture_set.plain_maps):

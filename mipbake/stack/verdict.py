@@ -102,11 +102,8 @@ def _effect(found: Sequence[Looks], distance: Distance, worse: bool) -> Effect:
 
 
 def in_words(effects: Mapping[Distance, Effect], better: str = "") -> Verdict:
-    """The verdict on a stack that has these effects, at some of the distances.
-
-    Args:
-        better: options of a bake that is known to look better than plain MIP maps; "" for none.
-    """
+    """The verdict on a stack that has these effects, at some of the distances. `better`: options of a bake that is
+    known to look better than plain MIP maps; "" for none."""
     gains, loses = (effect in effects.values() for effect in (1, -1))
     outcome: Outcome = "mixed" if gains and loses else "gains" if gains else "loses" if loses else "same"
     parts = [f"{words} {where}" for effect, words in _WORDS.items() if (where := _where(effects, effect))]

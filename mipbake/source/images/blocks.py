@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mipbake import _native
 from mipbake.base import memory
-from mipbake.source.images.gpu_format import GpuFormat, GpuTexture, level_size
+from mipbake.source.images.gpu_format import GpuFormat, GpuTexture
 from mipbake.source.images.quantise import dequantised
 
 Texels = NDArray[np.generic]
@@ -88,8 +88,8 @@ def from_blocks(texture: GpuTexture) -> list[Texels]:
 
 def levels_of(texture: GpuTexture, channels: int | None = None) -> list[StoredLevel]:
     """The levels of a texture, of which no more is decoded than is read. `channels`: how many are wanted; None: all."""
-    sizes = (level_size(texture.width, texture.height, index) for index in range(len(texture.levels)))
-    return [StoredLevel(data, texture.format, size, channels) for data, size in zip(texture.levels, sizes, strict=True)]
+    both = zip(texture.levels, texture.sizes, strict=True)
+    return [StoredLevel(data, texture.format, size, channels) for data, size in both]
 
 
 class StoredLevel:

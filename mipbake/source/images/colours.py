@@ -76,9 +76,8 @@ class Colour:
         """What the file says, where that is no colour space that is known here; else empty."""
         if self.space is not None or (not self.transfer and self.primaries in ("", "Rec.709")):
             return ""
-        primaries = f"primaries: {self.primaries}" if self.primaries else ""
-        transfer = f"transfer: {self.transfer}" if self.transfer else ""
-        return ", ".join(part for part in (transfer, primaries) if part)
+        said = {"transfer": self.transfer, "primaries": self.primaries}
+        return ", ".join(f"{what}: {word}" for what, word in said.items() if word)
 
 
 def coded(primaries: int, transfer: int, by: str) -> Colour:
@@ -117,7 +116,7 @@ _SPELLINGS = {
     "ACEScc": "acescc acesacescc",
     "ACEScct": "acescct acesacescct",
     "ACES2065-1": "aces20651 acesaces20651",
-    "Display P3": "displayp3 srgbp3d65 srgbp3d65scene srgbp3d65display srgbencodedp3d65",
+    "Display P3": "displayp3 srgbdisplayp3 srgbp3d65 srgbp3d65scene srgbp3d65display srgbencodedp3d65",
     "Adobe RGB (1998)": "adobergb adobergb1998 g22adobergb g22adobergbscene",
     RAW: "raw utilityraw noncolor noncolour noncolordata noncolourdata",
 }
@@ -125,6 +124,11 @@ _MOST_WORDS = 6
 # Words that capitals alone set off: `woodDiffuseACEScg`.
 _GLUED = re.compile(r"(?<=[a-z0-9])(?=(?:ACEScg|ACEScct?|sRGB|AdobeRGB)[^A-Za-z0-9]*$)")
 _CHUNK = re.compile(r"[A-Za-z0-9]+")
+
+
+def spelt_space(name: str) -> str | None:
+    """The colour space of a spelling: a name that `canonical_colour_space` takes, or `RAW`; None for others."""
+    return _spaces().get("".join(_CHUNK.findall(name)).lower())
 
 
 @cache
@@ -144,8 +148,7 @@ def named_space(name: object, attribute: str, otherwise: Colour) -> Colour:
     """What a file says of its colours that names their space in an attribute; `otherwise` where it does not."""
     if not isinstance(name, str):
         return otherwise
-    spelt = "".join(chunk[0] for chunk in _CHUNK.finditer(name)).lower()
-    space = _spaces().get(spelt)
+    spelt, space = "".join(_CHUNK.findall(name)).lower(), spelt_space(name)
     if spelt in _SILENT or space == RAW or (spelt in _UNSPECIFIC and otherwise.primaries):
         return otherwise
     if space is None and spelt in _UNSPECIFIC:
@@ -155,15 +158,11 @@ def named_space(name: object, attribute: str, otherwise: Colour) -> Colour:
 
 
 def split_colour_space(stem: str) -> tuple[str, str | None]:
-    """What stands before the colour space at the end of a stem, and the colour space.
-
-    The colour space has a name that `mipbake.base.colour.canonical_colour_space` takes, or is `RAW`. It is None where
-    the stem ends in none, or is nothing else.
-    """
+    """What stands before the colour space at the end of a stem, and the colour space, as `spelt_space` has it; None
+    where the stem ends in none, or is nothing else."""
     stem = _GLUED.sub("_", stem)
     chunks = list(_CHUNK.finditer(stem))
     for start in range(max(1, len(chunks) - _MOST_WORDS), len(chunks)):  # the longest spelling first
-        space = _spaces().get("".join(chunk[0] for chunk in chunks[start:]).lower())
-        if space is not None:
+        if (space := spelt_space(stem[chunks[start].start() :])) is not None:
             return stem[: chunks[start].start()], space
     return stem, None

@@ -12,11 +12,8 @@ from mipbake.base.messages import one_line
 
 
 def transcoded(data: bytes) -> NDArray[np.uint8]:
-    """(H, W, 4) texels of level 0 of a KTX 2 file whose texels are ETC1S.
-
-    Raises:
-        InputError: the file is broken. UsageError: the transcoder is not installed.
-    """
+    """(H, W, 4) texels of level 0 of a KTX 2 file whose texels are ETC1S. InputError where it is broken, UsageError
+    where the transcoder is not installed."""
     try:
         import alktx2
     except ImportError:

@@ -15,10 +15,8 @@ class ImageInfo:
     """What is known of an image within a document, without a look at its pixels.
 
     Args:
-        name: that the document gives it, else its number.
-        mime: media type that its bytes have.
+        name: that the document gives it, else its number. mime: media type that its bytes have.
         texels, colour_space, levels: the same as in a `FileInfo`; empty for anything but KTX 2.
-        bytes: of the image.
     """
 
     name: str
@@ -34,16 +32,12 @@ class FileInfo:
     """What is in a file.
 
     Args:
-        path: of the file.
-        container: what it is.
-        texels: what a texel is stored as.
+        container: what it is. texels: what a texel is stored as.
         channels: names of its channels, where the container has names.
         levels: (width, height) of every level, finest first; empty for documents.
         colour_space: of its texels, where it says one.
-        bytes: of the file.
         about: what mipbake wrote into it about how it was made; empty in files of others.
-        attributes: what else it says that matters to who samples it.
-        images: within a document.
+        attributes: what else it says that matters to who samples it. images: within a document.
     """
 
     path: Path

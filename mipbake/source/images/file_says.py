@@ -46,10 +46,6 @@ def _other(_path: Path, spec: Spec) -> Declared:
     return Declared(orientation(spec.getattribute("Orientation")), colour=_profile(spec), warnings=warnings)
 
 
-def _turned_by_its_decoder(_path: Path, spec: Spec) -> Declared:
-    return Declared(colour=_profile(spec))
-
-
 def _profile(spec: Spec) -> Colour:
     """What an ICC profile says, else code points; nothing where there is neither."""
     profile, codes = spec.getattribute("ICCProfile"), spec.getattribute("CICP")
@@ -220,7 +216,7 @@ _READERS: Mapping[str, Callable[[Path, Spec], Declared]] = {
     "png": _png,
     "tiff": _tiff,
     "targa": _targa,
-    "jpegxl": _turned_by_its_decoder,
+    "jpegxl": lambda _path, spec: Declared(colour=_profile(spec)),  # its decoder turns it
     "dds": dds_said,
 }
 

@@ -160,10 +160,15 @@ class GpuTexture:
 
     def __post_init__(self) -> None:
         """ValueError where a level has not the bytes that its size and format take."""
-        for index, level in enumerate(self.levels):
-            expected = self.format.level_size(*level_size(self.width, self.height, index))
+        for index, (level, size) in enumerate(zip(self.levels, self.sizes, strict=True)):
+            expected = self.format.level_size(*size)
             if len(level) != expected:
                 raise ValueError(f"level {index} has {len(level)} bytes, {self.format.name} of its size has {expected}")
+
+    @property
+    def sizes(self) -> tuple[tuple[int, int], ...]:
+        """(width, height) of every level."""
+        return tuple(level_size(self.width, self.height, index) for index in range(len(self.levels)))
 
 
 def level_size(width: int, height: int, level: int) -> tuple[int, int]:

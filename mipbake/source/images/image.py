@@ -157,7 +157,9 @@ def arranged(pixels: NDArray[Any], said: Declared) -> NDArray[Any]:
         pixels = _placed(pixels, said.window)
     if said.orientation == 1:
         return pixels
-    view = _turned(pixels, said.orientation)
+    swapped, rows, columns = _TURNS[said.orientation]
+    view = pixels.swapaxes(0, 1) if swapped else pixels
+    view = view[:: -1 if rows else 1, :: -1 if columns else 1]
     out = memory.empty(view.shape, view.dtype)
     for some in memory.some_rows(out):
         out[some] = view[some]
@@ -173,13 +175,6 @@ def turn_vectors(vectors: NDArray[np.float32], said: int) -> None:
         vectors[..., 0] *= -1
     if rows:
         vectors[..., 1] *= -1
-
-
-def _turned(pixels: NDArray[Any], said: int) -> NDArray[Any]:
-    swapped, rows, columns = _TURNS[said]
-    view = pixels.swapaxes(0, 1) if swapped else pixels
-    view = view[::-1] if rows else view
-    return view[:, ::-1] if columns else view
 
 
 def _placed(pixels: NDArray[Any], window: Window) -> NDArray[Any]:

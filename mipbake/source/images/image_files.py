@@ -45,15 +45,12 @@ _OF_A_LEVEL = {254, 256, 257, 324, 325, 34665}
 def write_image(
     path: Path, levels: Iterable[tuple[OpenImageIO.ImageSpec, NDArray[np.generic]]], following: str = ""
 ) -> None:
-    """Writes an image, and looks whether all of the file is there; texels are for the caller to compare.
+    """Writes an image, and looks whether all of the file is there; texels are for the caller to compare. OSError or
+    OutputError, whichever says more, where it cannot be written.
 
     Args:
         levels: the description and the (H, W, C) texels of each level, in the order in which they are stored.
-        following: how OpenImageIO adds levels to the first one, where there are more: "AppendMIPLevel" or
-            "AppendSubimage".
-
-    Raises:
-        OSError, OutputError: it cannot be written; whichever says more.
+        following: how OpenImageIO adds levels to the first one: "AppendMIPLevel" or "AppendSubimage".
     """
     import OpenImageIO
 

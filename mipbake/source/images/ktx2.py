@@ -188,13 +188,15 @@ def _outline(data: bytes, name: str) -> Outline:
 
 def _several(depth: int, layers: int, faces: int) -> str:
     """What is more than one image; one layer, or one slice, is an image."""
-    for what, part, option in (
-        *([(f"a cube map of {faces} faces", "face", "--face")] if faces != 1 else []),
-        *([(f"an array of {layers} layers", "layer", "--layer")] if layers > 1 else []),
-        *([(f"a 3D texture of {depth} slices", "slice", "--depth")] if depth > 1 else []),
-    ):
-        return f"{what}: extract one {part} as an image of its own (ktx extract {option} 0)"
-    return ""
+    if faces != 1:
+        what, part, option = f"a cube map of {faces} faces", "face", "--face"
+    elif layers > 1:
+        what, part, option = f"an array of {layers} layers", "layer", "--layer"
+    elif depth > 1:
+        what, part, option = f"a 3D texture of {depth} slices", "slice", "--depth"
+    else:
+        return ""
+    return f"{what}: extract one {part} as an image of its own (ktx extract {option} 0)"
 
 
 def stored(data: bytes, name: str) -> tuple[bytes, ...]:

@@ -215,13 +215,11 @@ def _text(found: ktx2.Outline, key: str) -> str:
 
 def _swizzle(wanted: str, taken: tuple[int, ...], alpha: int, warnings: list[str]) -> tuple[str, int]:
     """The channels of an image by a KTXswizzle, in letters, none where they are as stored, and the index of alpha.
-
     Three equal colours are one, and an alpha of 1 is none. Graphics cards find 0 in colours that are not stored, and 1
     in an alpha.
 
     Args:
-        wanted: four letters; empty for none. taken: the channels of decoded texels that the image has. alpha: which of
-            them is alpha; -1: none.
+        wanted: four letters; empty for none. taken: the channels of decoded texels that the image has.
     """
     if not wanted:
         return "", alpha

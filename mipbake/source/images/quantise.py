@@ -15,14 +15,8 @@ _MOST = {"8": 255, "16": 65535, "half": float(np.finfo(np.float16).max), "float"
 
 
 def quantised(values: NDArray[np.float64], kind: str, what: str) -> NDArray[np.generic]:
-    """(..., C) file values to texels of a kind in `KINDS`, correctly rounded.
-
-    Args:
-        what: holds them, for sentences: "the map roughness".
-
-    Raises:
-        UsageError: a value is beyond what the kind stores.
-    """
+    """(..., C) file values to texels of a kind in `KINDS`, correctly rounded; UsageError for a value beyond what the
+    kind stores. `what` holds them, for sentences: "the map roughness"."""
     most = _MOST[kind]
     if kind in ("half", "float"):
         largest = float(max(values.max(), -values.min()))

@@ -41,7 +41,6 @@ def read_header(path: Path, role: str = "", metadata: bool = True) -> Header:
     """The header of the image for a role; InputError when the file is not an image or has no texels.
 
     Args:
-        path: of the file.
         role: that the image fills: a file of several layers may name one for it.
         metadata: whether what the file says of orientation, alpha and colours counts; in glTF it does not.
     """
@@ -54,10 +53,7 @@ def read_header(path: Path, role: str = "", metadata: bool = True) -> Header:
 
 def read_image(path: Path, role: str | Place = "", metadata: bool = True) -> Image:
     """Every texel of an image; see `read_header`. Instead of a role, the place of the layer that a role took.
-
-    Raises:
-        InputError: the file is not an image, is damaged or cut short, or holds NaN or infinity.
-    """
+    InputError also where it is damaged or cut short, or holds NaN or infinity."""
     data = disk.read_bytes(path)
     if data.startswith(PNG_SIGNATURE):
         check_png(path, io.BytesIO(data))

@@ -7,7 +7,6 @@ import json
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from typing import Any
 from mipbake.base import json_text
 from mipbake.base.errors import InputError, OutputError, UsageError
 from mipbake.base.publish import check_place, replaced_file
+from mipbake.base.threads import on_threads
 from mipbake.base.version import __version__
 from mipbake.material import GLTF_MODELS
 from mipbake.source.decode import resized
@@ -31,7 +31,7 @@ from mipbake.stack.gltf.glb_plain import PlainCost, averaged_files
 from mipbake.stack.gltf.quad import standalone
 from mipbake.stack.gltf.ranges import Ranges, ranges_of
 from mipbake.stack.gltf.write import GltfResult, rewritten
-from mipbake.stack.gpu_files import KTX2, GpuFile
+from mipbake.stack.gpu_files import Ktx2File
 from mipbake.stack.map_files import MapFile, given_back, quantised_levels
 from mipbake.stack.output import GLB, GLB_TEXELS, Output, planned
 from mipbake.stack.packing import Normals
@@ -68,26 +68,20 @@ def encoded(
     ranges: Ranges | None = None,
     texels: str = GLB_TEXELS[0],
 ) -> Encoded:
-    """The textures of a stack of `gltf` or `gltf-anisotropic`.
+    """The textures of a stack of `gltf` or `gltf-anisotropic`; UsageError for another model, or sides that are no
+    multiples of `SIDE`.
 
     Args:
-        stack: whose sides are multiples of `SIDE`.
-        slots: that may be filled; None for all.
-        levels: how many of each texture; None for all.
-        progress: gets the finished share, from 0 to 1.
+        slots: that may be filled; None for all. levels: how many of each texture; None for all.
         lobe: of the material, whose slots are filled.
-        ranges: of the values in them; None for those of `ranges_of`.
-        texels: of the textures, one of `GLB_TEXELS`.
-
-    Raises:
-        UsageError: another model, or other sides.
+        ranges: of the values in them; None for those of `ranges_of`. texels: one of `GLB_TEXELS`.
     """
     if stack.model not in GLTF_MODELS:
         raise UsageError(f"format {GLB} cannot hold the model {stack.model}: expected {' or '.join(GLTF_MODELS)}")
     if ranges is None:
         ranges = ranges_of(stack.levels, stack.model)
 
-    container = GpuFile(KTX2, texels)
+    container = Ktx2File(texels)
 
     def encode(file: MapFile) -> tuple[bytes, MapFile]:
         texture = container.texture(file.layout, quantised_levels(file), stack.about(), file.weights)
@@ -95,13 +89,8 @@ def encoded(
         found = levels_of(texture, len(file.layout.channels))
         return data, replace(file, levels=given_back(container, file.layout, found))
 
-    slot_named = {
-        "base_color": BASE_COLOUR,
-        "orm": lobe.roughness,
-        "normal": lobe.normal,
-        "anisotropy": ANISOTROPIC,
-        "emissive": EMISSIVE,
-    }
+    slot_named = {"base_color": BASE_COLOUR, "orm": lobe.roughness, "normal": lobe.normal}
+    slot_named |= {"anisotropy": ANISOTROPIC, "emissive": EMISSIVE}
     wanted = {
         slot: ranges.stored(file)
         for file in planned(output(texels), stack, levels)
@@ -116,13 +105,12 @@ def encoded(
                 f"the map {file.layout.name} of {stack.name} is {width} x {height} texels: KHR_texture_basisu takes "
                 f"multiples of {SIDE}, resample it first"
             )
-    made: dict[str, tuple[bytes, MapFile]] = {}
-    with ThreadPoolExecutor(max(1, os.cpu_count() or 1)) as pool:
-        for slot, each in zip(wanted, pool.map(encode, wanted.values()), strict=True):
-            made[slot] = each
-            progress(len(made) / len(wanted))
-    files = tuple(file for _, file in made.values())
-    return Encoded({slot: data for slot, (data, _) in made.items()}, files, _left_out(stack, files), ranges, texels)
+    each = list(wanted.values())
+    made = on_threads(lambda index: encode(each[index]), len(each), progress, os.cpu_count())
+    progress(1.0)
+    files = tuple(file for _, file in made)
+    maps = {slot: data for slot, (data, _) in zip(wanted, made, strict=True)}
+    return Encoded(maps, files, _left_out(stack, files), ranges, texels)
 
 
 def _left_out(stack: MipStack, files: Sequence[MapFile]) -> tuple[str, ...]:
@@ -139,7 +127,7 @@ def _left_out(stack: MipStack, files: Sequence[MapFile]) -> tuple[str, ...]:
 
 def output(texels: str = GLB_TEXELS[0]) -> Output:
     """How maps lie in the textures of a GLB."""
-    return Output(f"{KTX2.name}:{texels}", "orm", Normals("opengl"))
+    return Output(f"{Ktx2File.name}:{texels}", "orm", Normals("opengl"))
 
 
 def square(stack: MipStack, made: Encoded, cutoff: float | None) -> bytes:
@@ -165,17 +153,12 @@ def save_document(
     levels: int | None = None,
     recipe: Fingerprint | None = None,
 ) -> tuple[PlainCost, ...]:
-    """Writes a GLB of a document with baked textures, over an earlier one of mipbake's alone.
+    """Writes a GLB of a document with baked textures, over an earlier one of mipbake's alone, and says what blocks cost
+    the averaged ones. OutputError where the file is somebody else's, or cannot be written.
 
     Args:
         plain: textures that are averaged, unless blocks cost them too much. levels: how many they get; None for all.
         recipe: hashes of what it is made from, which `made_from` gives back.
-
-    Returns:
-        What blocks cost the averaged textures.
-
-    Raises:
-        OutputError: the file is somebody else's, or cannot be written.
     """
     check_file(path, document.path)
     averaged = averaged_files(document, plain, levels)

@@ -25,7 +25,7 @@ from mipbake.source.images.gpu_format import GpuTexture
 from mipbake.source.layout import COLOUR as COLOUR_ENCODING
 from mipbake.source.layout import UNIT, FileChannel, FileLayout
 from mipbake.source.opacity import keeping_coverage, premultiplied
-from mipbake.stack.gpu_files import KTX2, GpuFile
+from mipbake.stack.gpu_files import Ktx2File
 from mipbake.stack.map_files import Levels, MapFile, quantised_levels
 from mipbake.stack.output import GLB_TEXELS
 
@@ -62,18 +62,10 @@ class PlainCost:
 def averaged_files(
     document: Document, plain: Sequence[PlainTexture], levels: int | None = None
 ) -> list[tuple[PlainTexture, bytes, PlainCost]]:
-    """Gives each texture a KTX 2 file of box-filtered levels, and says what its blocks cost: level 0 is the image.
-    Colours are averaged linearly, by opacity where they have one, and opacity that is tested against a cutoff keeps its
-    coverage.
-
-    Args:
-        document: the document that the textures belong to.
-        levels: how many of each; None for all.
-
-    Raises:
-        InputError: an image cannot be read any more.
-    """
-    container = GpuFile(KTX2, GLB_TEXELS[0])
+    """Gives each texture of a document a KTX 2 file of box-filtered levels, so many or all, and says what its blocks
+    cost: level 0 is the image. Colours are averaged linearly, by opacity where they have one, and opacity that is
+    tested against a cutoff keeps its coverage. InputError where an image cannot be read any more."""
+    container = Ktx2File(GLB_TEXELS[0])
     about = json.dumps({"method": "linear", "pixel_filter": "box", "version": __version__})
 
     def encode(given: tuple[PlainTexture, Image]) -> tuple[PlainTexture, bytes, PlainCost]:
