@@ -63,10 +63,7 @@ def unpacked(data: bytes, name: str) -> Chunks:
 
 def packed(text: bytes, binary: bytes, others: Sequence[tuple[bytes, bytes]] = ()) -> bytes:
     """A GLB: JSON padded with spaces, everything else with zeros, to multiples of 4 bytes; no BIN chunk for no bytes.
-
-    Raises:
-        OutputError: it would be longer than the container's 4 GiB.
-    """
+    OutputError where it would be longer than the container's 4 GiB."""
     chunks = [(_JSON, text + b" " * (-len(text) % 4))]
     if binary:
         chunks.append((_BIN, binary))

@@ -63,12 +63,8 @@ class Document:
 
 
 def read_document(path: Path) -> Document:
-    """Reads a .gltf or .glb file with its buffers; its content decides which of the two it is.
-
-    Raises:
-        InputError: it is not glTF 2, or it is damaged or cut short; a buffer is missing, or too short for what lies in
-            it; a texture names an image that is not there.
-    """
+    """Reads a .gltf or .glb file with its buffers; its content decides which of the two it is. InputError where it is
+    not glTF 2, is damaged or cut short, or refers to what is not there."""
     if not disk.exists(path):
         raise InputError(f"{path} does not exist: expected a .gltf or .glb file")
     data = disk.read_bytes(path)

@@ -58,11 +58,8 @@ _KINDS = (
 
 
 def stored_image(document: Document, index: object, where: str = "a texture") -> tuple[bytes, ImageKind]:
-    """The bytes of an image and its kind, which the content decides: declared types are often wrong.
-
-    Raises:
-        InputError: there is no such image, it has no bytes, or they are of no kind that glTF knows.
-    """
+    """The bytes of an image and its kind, which the content decides: declared types are often wrong. InputError where
+    there is no such image, it has no bytes, or they are of no kind that glTF knows."""
     image = document.one("images", index, where)
     what = image_label(index, image)
     uri = image.get("uri")
@@ -83,11 +80,8 @@ def stored_image(document: Document, index: object, where: str = "a texture") ->
 
 
 def image_files(document: Document, within: Path) -> list[Path]:
-    """The files that images of a document lie in, without those that are missing.
-
-    Raises:
-        InputError: one of them would lie outside the folder `within`.
-    """
+    """The files that images of a document lie in, without those that are missing; InputError where one would lie
+    outside the folder `within`."""
     images = enumerate(document.all("images"))
     found = [uris.file_of(image.get("uri"), document.path, within, image_label(i, image)) for i, image in images]
     return [path for path in found if path is not None]

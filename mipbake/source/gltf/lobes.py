@@ -7,27 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from mipbake.base.errors import InputError
+from mipbake.source.gltf import slots as gltf
 from mipbake.source.gltf.document import Document, Json, extensions_in, member, number
 from mipbake.source.gltf.images import Images
-from mipbake.source.gltf.slots import (
-    ANISOTROPIC,
-    ANISOTROPY,
-    BASE,
-    BASE_COLOUR,
-    CLEARCOAT,
-    COATING,
-    METALLIC_ROUGHNESS,
-    NORMAL,
-    PLACES,
-    SPECULAR_GLOSSINESS,
-    UNLIT,
-    Lobe,
-    Slot,
-    holder_of,
-    info_of,
-    label_of,
-    slot_of,
-)
 
 
 @dataclass(frozen=True)
@@ -48,8 +30,8 @@ class Part:
 
     index: int
     name: str
-    lobe: Lobe
-    slots: dict[str, Slot]
+    lobe: gltf.Lobe
+    slots: dict[str, gltf.Slot]
     factors: dict[str, float]
     colour: tuple[float, ...]
     occluded: bool
@@ -57,11 +39,11 @@ class Part:
     cutoff: float | None = None
     strength: float = 0.0
     rotation: float = 0.0
-    elsewhere: Slot | None = None
+    elsewhere: gltf.Slot | None = None
     notes: tuple[str, ...] = ()
 
     @property
-    def main(self) -> Slot:
+    def main(self) -> gltf.Slot:
         """The slot whose place on the surface and whose wrap the set has."""
         return next(iter(self.slots.values()))
 
@@ -90,12 +72,12 @@ class Part:
             )
         roughness, normal = self.lobe.roughness, self.lobe.normal
         values = zip(self.lobe.factors, (self.factors["roughness"], self.factors["metallic"]), strict=False)
-        baked = {"/".join((*PLACES[roughness].keys, name)): value for (name, _), value in values}
+        baked = {"/".join((*gltf.PLACES[roughness].keys, name)): value for (name, _), value in values}
         if normal in self.slots:
-            baked["/".join((*PLACES[normal].keys, normal, "scale"))] = self.factors["normal"]
+            baked["/".join((*gltf.PLACES[normal].keys, normal, "scale"))] = self.factors["normal"]
         if self.strength:
-            baked[f"extensions/{ANISOTROPY}/anisotropyStrength"] = self.strength
-            baked[f"extensions/{ANISOTROPY}/anisotropyRotation"] = self.rotation
+            baked[f"extensions/{gltf.ANISOTROPY}/anisotropyStrength"] = self.strength
+            baked[f"extensions/{gltf.ANISOTROPY}/anisotropyRotation"] = self.rotation
         if self.cutoff is not None:
             baked["alphaCutoff"] = self.cutoff * self.colour[3]
         return found + [
@@ -115,43 +97,43 @@ class SkippedError(Exception):
 
 def base_of(document: Document, index: int, material: Json, images: Images, _animated: set[str]) -> Part:
     """A material itself; SkippedError where it is left as it is."""
-    where, path = label_of(index, material), document.path
+    where, path = gltf.label_of(index, material), document.path
     extensions = member(material, "extensions", where, path)
-    if UNLIT in extensions:
+    if gltf.UNLIT in extensions:
         raise SkippedError(f"{where} is unlit and is left as it is")
-    if SPECULAR_GLOSSINESS in extensions:  # the conversion says why it was not converted
+    if gltf.SPECULAR_GLOSSINESS in extensions:  # the conversion says why it was not converted
         raise SkippedError(f"{where} is given in specular and glossiness and is left as it is")
-    slots = _slots(document, material, where, NORMAL, METALLIC_ROUGHNESS, BASE_COLOUR, ANISOTROPIC)
-    if not {NORMAL, METALLIC_ROUGHNESS} & slots.keys():
+    slots = _slots(document, material, where, gltf.NORMAL, gltf.METALLIC_ROUGHNESS, gltf.BASE_COLOUR, gltf.ANISOTROPIC)
+    if not {gltf.NORMAL, gltf.METALLIC_ROUGHNESS} & slots.keys():
         raise SkippedError(
             f"{where} has neither a normal nor a metallicRoughness texture: nothing in it is prefiltered"
         )
-    anisotropy = extensions.get(ANISOTROPY, {})
-    scale = _scale(document, material, slots, NORMAL, where)
+    anisotropy = extensions.get(gltf.ANISOTROPY, {})
+    scale = _scale(document, material, slots, gltf.NORMAL, where)
     strength = number(anisotropy.get("anisotropyStrength", 0.0), f"anisotropyStrength of {where}", path, 0, 1)
     if strength == 0:
-        slots.pop(ANISOTROPIC, None)
-    base = slots.pop(BASE_COLOUR, None)
+        slots.pop(gltf.ANISOTROPIC, None)
+    base = slots.pop(gltf.BASE_COLOUR, None)
     _check_shared(where, slots)
     main = next(iter(slots.values()))
     elsewhere = base if base is not None and base.mapping != main.mapping else None
     if base is not None and elsewhere is None:
-        slots[BASE_COLOUR] = base
+        slots[gltf.BASE_COLOUR] = base
     pbr = member(material, "pbrMetallicRoughness", where, path)
     colour = pbr.get("baseColorFactor", [1.0, 1.0, 1.0, 1.0])
     if not isinstance(colour, list) or len(colour) != 4:
         raise InputError(f"{path}: baseColorFactor of {where} is {colour!r}, expected four numbers: export it again")
     factors = tuple(number(c, f"baseColorFactor of {where}", path, 0, 1) for c in colour)
     turned = anisotropy.get("anisotropyRotation", 0.0) if strength else 0.0
-    opacity, cutoff, notes = _alpha(document, material, slots.get(BASE_COLOUR), factors[3], images, where)
+    opacity, cutoff, notes = _alpha(document, material, slots.get(gltf.BASE_COLOUR), factors[3], images, where)
     return Part(
         index,
         where,
-        BASE,
+        gltf.BASE,
         slots,
-        {"normal": scale, **_factors(document, material, BASE, where)},
+        {"normal": scale, **_factors(document, material, gltf.BASE, where)},
         factors,
-        _occluded(document, material, BASE, slots, images, where),
+        _occluded(document, material, gltf.BASE, slots, images, where),
         opacity,
         cutoff,
         strength,
@@ -164,40 +146,40 @@ def base_of(document: Document, index: int, material: Json, images: Images, _ani
 def coat_of(document: Document, index: int, material: Json, images: Images, animated: set[str]) -> Part | None:
     """A material's clearcoat; None where there is none that shows, or one without textures to be filtered."""
     extensions = extensions_in(material)
-    held = extensions.get(CLEARCOAT)
-    if not isinstance(held, dict) or {UNLIT, SPECULAR_GLOSSINESS} & set(extensions):
+    held = extensions.get(gltf.CLEARCOAT)
+    if not isinstance(held, dict) or {gltf.UNLIT, gltf.SPECULAR_GLOSSINESS} & set(extensions):
         return None
-    where = f"the clearcoat of {label_of(index, material)}"
+    where = f"the clearcoat of {gltf.label_of(index, material)}"
     amount = number(held.get("clearcoatFactor", 0.0), f"clearcoatFactor of {where}", document.path, 0, 1)
-    if amount == 0 and f"extensions/{CLEARCOAT}/clearcoatFactor" not in animated:
+    if amount == 0 and f"extensions/{gltf.CLEARCOAT}/clearcoatFactor" not in animated:
         return None
-    factors = _factors(document, material, COATING, where)
-    slots = _slots(document, material, where, COATING.normal, COATING.roughness)
-    occluded = _occluded(document, material, COATING, slots, images, where)
+    factors = _factors(document, material, gltf.COATING, where)
+    slots = _slots(document, material, where, gltf.COATING.normal, gltf.COATING.roughness)
+    occluded = _occluded(document, material, gltf.COATING, slots, images, where)
     if factors["roughness"] == 0:
-        slots.pop(COATING.roughness, None)  # a smooth coat, whatever its texture says
+        slots.pop(gltf.COATING.roughness, None)  # a smooth coat, whatever its texture says
     if not slots:
         return None
-    scale = _scale(document, material, slots, COATING.normal, where)
+    scale = _scale(document, material, slots, gltf.COATING.normal, where)
     _check_shared(where, slots)
-    occluded = occluded and COATING.roughness in slots
-    return Part(index, where, COATING, slots, {"normal": scale, **factors}, (0.0, 0.0, 0.0, 1.0), occluded)
+    occluded = occluded and gltf.COATING.roughness in slots
+    return Part(index, where, gltf.COATING, slots, {"normal": scale, **factors}, (0.0, 0.0, 0.0, 1.0), occluded)
 
 
-def _slots(document: Document, material: Json, where: str, *names: str) -> dict[str, Slot]:
-    return {name: slot for name in names if (slot := slot_of(document, material, name, where)) is not None}
+def _slots(document: Document, material: Json, where: str, *names: str) -> dict[str, gltf.Slot]:
+    return {name: slot for name in names if (slot := gltf.slot_of(document, material, name, where)) is not None}
 
 
-def _factors(document: Document, material: Json, lobe: Lobe, where: str) -> dict[str, float]:
+def _factors(document: Document, material: Json, lobe: gltf.Lobe, where: str) -> dict[str, float]:
     """What roughness and metallic are multiplied with; the metallic of a lobe that has none is 0."""
-    held = holder_of(material, lobe.roughness, where, document)
+    held = gltf.holder_of(material, lobe.roughness, where, document)
     values = [number(held.get(n, default), f"{n} of {where}", document.path, 0, 1) for n, default in lobe.factors]
     return dict(zip(("roughness", "metallic"), (*values, 0.0), strict=False))
 
 
-def _scale(document: Document, material: Json, slots: dict[str, Slot], name: str, where: str) -> float:
+def _scale(document: Document, material: Json, slots: dict[str, gltf.Slot], name: str, where: str) -> float:
     """The scale of a normal map, 1 where there is none."""
-    info = info_of(material, name) or {}
+    info = gltf.info_of(material, name) or {}
     scale = number(info.get("scale", 1.0), f"scale of {name} of {where}", document.path, -1e6, 1e6)
     if name not in slots:
         return 1.0
@@ -210,7 +192,7 @@ def _scale(document: Document, material: Json, slots: dict[str, Slot], name: str
     return scale
 
 
-def _check_shared(where: str, slots: dict[str, Slot]) -> None:
+def _check_shared(where: str, slots: dict[str, gltf.Slot]) -> None:
     """SkippedError where textures do not lie at the same place of the surface as the first."""
     main, *others = slots.values()
     for slot in others:
@@ -223,15 +205,15 @@ def _check_shared(where: str, slots: dict[str, Slot]) -> None:
 
 
 def _occluded(
-    document: Document, material: Json, lobe: Lobe, slots: dict[str, Slot], images: Images, where: str
+    document: Document, material: Json, lobe: gltf.Lobe, slots: dict[str, gltf.Slot], images: Images, where: str
 ) -> bool:
     """Whether the texture that may follow in the red channel is the roughness's image."""
-    red, packed = slot_of(document, material, lobe.red, where), slots.get(lobe.roughness)
+    red, packed = gltf.slot_of(document, material, lobe.red, where), slots.get(lobe.roughness)
     return red is not None and packed is not None and images.key(red.image) == images.key(packed.image)
 
 
 def _alpha(
-    document: Document, material: Json, base: Slot | None, factor: float, images: Images, where: str
+    document: Document, material: Json, base: gltf.Slot | None, factor: float, images: Images, where: str
 ) -> tuple[bool, float | None, tuple[str, ...]]:
     """Whether the alpha of the base colour counts, the cutoff in its terms, and what is to be noted."""
     mode = material.get("alphaMode", "OPAQUE")

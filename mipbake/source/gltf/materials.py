@@ -34,13 +34,11 @@ class GltfBake:
     Args:
         name: safe as a folder name, and no other bake's of the document.
         materials: indices of the materials that show these textures.
-        options: how `mipbake.load` reads the set out of `files`. An `occlusion` map in it is the red channel of the
-            roughness's image, and has to be the red channel of the baked image as well.
-        files: the images, each in its own file.
+        options: how `mipbake.load` reads the set out of `files`, the images. An `occlusion` map in it is the red
+            channel of the roughness's image, and has to be the red channel of the baked image as well.
         slots: the slots that baked maps may fill. baseColorTexture is not among them where the base colour has no
             texture, or one that lies elsewhere on the surface: it is not prefiltered.
-        notes: what was found, in sentences.
-        warnings: what the user should look at, in sentences.
+        notes, warnings: what was found, and what the user should look at, in sentences.
         lobe: whose normals and roughness these are: the material itself, or its clearcoat.
     """
 
@@ -78,12 +76,8 @@ def read_materials(document: Document, folder: Path) -> GltfMaterials:
     in the set (`mipbake.stack.gltf.write` makes them 1), baseColorFactor and the strength of the occlusion stay in the
     material.
 
-    Args:
-        document: from `read_document`.
-        folder: an existing, empty one. The images are written there; the caller deletes it.
-
-    Raises:
-        InputError: no material can be baked; what is wrong with the first where none can be read.
+    The images are written into the folder, which is empty; the caller deletes it. InputError where no material can be
+    baked: what is wrong with the first where none can be read.
     """
     images, animated = Images(document, folder), animated_members(document.json)
     notes: list[str] = []

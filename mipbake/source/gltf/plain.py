@@ -8,26 +8,9 @@ from typing import TypeAlias
 
 from mipbake.base.errors import InputError
 from mipbake.base.messages import listed, one_line
+from mipbake.source.gltf import slots as gltf
 from mipbake.source.gltf.document import Document
 from mipbake.source.gltf.images import Images
-from mipbake.source.gltf.slots import (
-    ALPHA,
-    ANISOTROPIC,
-    BASE_COLOUR,
-    COAT_NORMAL,
-    COAT_ROUGHNESS,
-    COLOUR,
-    DATA,
-    DIFFUSE,
-    METALLIC_ROUGHNESS,
-    NORMAL,
-    PLACES,
-    SPECULAR_AND_GLOSS,
-    Slot,
-    info_of,
-    label_of,
-    slot_of,
-)
 from mipbake.source.gltf.uses import texture_uses
 from mipbake.source.images.image import Header
 
@@ -35,8 +18,8 @@ MaterialSlot: TypeAlias = tuple[int, str]
 """A material's index, and the name of a slot."""
 
 PREFILTERED = (
-    *(NORMAL, METALLIC_ROUGHNESS, ANISOTROPIC, COAT_NORMAL, COAT_ROUGHNESS),
-    *(DIFFUSE, SPECULAR_AND_GLOSS),  # slots of materials that were not converted, and are left as they are
+    *(gltf.NORMAL, gltf.METALLIC_ROUGHNESS, gltf.ANISOTROPIC, gltf.COAT_NORMAL, gltf.COAT_ROUGHNESS),
+    *(gltf.DIFFUSE, gltf.SPECULAR_AND_GLOSS),  # slots of materials that were not converted, and are left as they are
 )
 """Slots whose averages say something else than their texels: they are baked, or left as they are."""
 
@@ -74,19 +57,19 @@ def plain_textures(
 ) -> tuple[tuple[PlainTexture, ...], tuple[str, ...]]:
     """The textures of materials that averages are right for, and what is to be said of all textures beside those that
     bakes have `filled`."""
-    found: dict[tuple[str, tuple[str, str]], dict[MaterialSlot, Slot]] = {}
+    found: dict[tuple[str, tuple[str, str]], dict[MaterialSlot, gltf.Slot]] = {}
     names: dict[MaterialSlot, str] = {}
     kept: dict[str, list[str]] = {}
     untouched = _untouched(document, filled)
     for index, material in enumerate(document.all("materials")):
-        for name in PLACES:
+        for name in gltf.PLACES:
             use = (index, name)
-            if name in PREFILTERED or use in filled or info_of(material, name) is None:
+            if name in PREFILTERED or use in filled or gltf.info_of(material, name) is None:
                 continue
-            where = label_of(index, material)
+            where = gltf.label_of(index, material)
             names[use] = f"{name} of {where}"
             try:
-                slot = slot_of(document, material, name, where)
+                slot = gltf.slot_of(document, material, name, where)
                 if slot is None:
                     continue
                 unfit = _unfit(slot, images.header(slot.image))
@@ -108,10 +91,10 @@ def plain_textures(
 def shown_by(document: Document, texture: PlainTexture) -> str:
     """What shows a texture, for messages."""
     materials = document.all("materials")
-    return listed(f"{slot} of {label_of(index, materials[index])}" for index, slot in texture.uses)
+    return listed(f"{slot} of {gltf.label_of(index, materials[index])}" for index, slot in texture.uses)
 
 
-def _unfit(slot: Slot, header: Header) -> str:
+def _unfit(slot: gltf.Slot, header: Header) -> str:
     """Why the image of a slot stays as it is, whatever is in it; empty where it does not have to."""
     sides = (header.width, header.height)
     if slot.single_texels:
@@ -128,36 +111,38 @@ def _untouched(document: Document, filled: Collection[MaterialSlot]) -> set[int]
     """Textures that stay as they are because something else shows them."""
     known = {}
     for index, material in enumerate(document.all("materials")):
-        for name in PLACES:
-            info = info_of(material, name)
+        for name in gltf.PLACES:
+            info = gltf.info_of(material, name)
             if info is not None and (name not in PREFILTERED or (index, name) in filled):
                 known[id(info)] = info
     return {index for parent, index in texture_uses(document.json) if id(parent) not in known}
 
 
-def _split(document: Document, uses: dict[MaterialSlot, Slot], images: Images) -> list[PlainTexture]:
+def _split(document: Document, uses: dict[MaterialSlot, gltf.Slot], images: Images) -> list[PlainTexture]:
     """What one image becomes: a texture of colours, one of numbers, or both; alpha alone goes with either."""
-    holds = {use: PLACES[use[1]].holds for use in uses}
-    kinds = [kind for kind in (COLOUR, DATA) if kind in holds.values()] or [DATA]
+    holds = {use: gltf.PLACES[use[1]].holds for use in uses}
+    kinds = [kind for kind in (gltf.COLOUR, gltf.DATA) if kind in holds.values()] or [gltf.DATA]
     made = []
     for kind in kinds:
-        here = {use: s for use, s in uses.items() if holds[use] == kind or (holds[use] == ALPHA and kind == kinds[0])}
+        here = {
+            use: s for use, s in uses.items() if holds[use] == kind or (holds[use] == gltf.ALPHA and kind == kinds[0])
+        }
         first = next(iter(here.values()))
         apart: dict[tuple[bool, float | None], list[MaterialSlot]] = {}
         for use in here:
             apart.setdefault(_opacity(document, use, first, images), []).append(use)
         for (opacity, cutoff), several in apart.items():
-            read = opacity or any(holds[use] == ALPHA for use in several)
+            read = opacity or any(holds[use] == gltf.ALPHA for use in several)
             alpha = read and images.header(first.image).alpha >= 0
             made.append(PlainTexture(first.image, kind, first.wrap, alpha, opacity, cutoff, tuple(several)))
     return made
 
 
-def _opacity(document: Document, use: MaterialSlot, slot: Slot, images: Images) -> tuple[bool, float | None]:
+def _opacity(document: Document, use: MaterialSlot, slot: gltf.Slot, images: Images) -> tuple[bool, float | None]:
     """Whether alpha counts as opacity, and what the texture's alpha is tested against."""
     material = document.all("materials")[use[0]]
     mode = material.get("alphaMode", "OPAQUE")
-    if use[1] != BASE_COLOUR or mode == "OPAQUE" or images.header(slot.image).alpha < 0:
+    if use[1] != gltf.BASE_COLOUR or mode == "OPAQUE" or images.header(slot.image).alpha < 0:
         return False, None
     factors = material["pbrMetallicRoughness"].get("baseColorFactor", (1, 1, 1, 1))
     cutoff = material.get("alphaCutoff", 0.5)

@@ -11,7 +11,7 @@ from mipbake.base.errors import InputError
 from mipbake.source.gltf import uris
 from mipbake.source.gltf.document import Document, Json, extensions_in
 from mipbake.source.gltf.images import BASISU, KTX2, SOURCE_EXTENSIONS, ImageKind, sources_of, stored_image
-from mipbake.source.gltf.uses import buffer_uses, extensions_of, texture_uses, used_images, view_uses
+from mipbake.source.gltf.uses import extensions_of, objects_with, texture_uses, used_images
 
 _STEP = 16
 """Bytes are taken away in multiples of this, so that what lies behind them keeps its alignment."""
@@ -61,19 +61,13 @@ class Want:
 
 
 def retextured(document: Document, made: Json, wants: Sequence[Want], kind: ImageKind, embed: bool) -> Binary:
-    """Lets textureInfos show image files, and joins the buffers into the one that is returned.
-
-    A texture is changed in place where all that shows it wants the same file, else there is a new one. Images that
-    nothing shows any more give their places and their bytes to the files that take over; all indices stay.
+    """Lets textureInfos show image files of one kind, and joins the buffers into the one that is returned. A texture is
+    changed in place where all that shows it wants the same file, else there is a new one. Images that nothing shows any
+    more give their places and their bytes to the files that take over; all indices stay.
 
     Args:
-        document: as it was read.
-        made: a copy of its JSON, which is changed.
-        wants: of one `kind` of files.
-        embed: whether images that stay are taken in from their files and data URIs.
-
-    Raises:
-        InputError: an image that stays, and is to be taken in, is missing.
+        made: a copy of the document's JSON, which is changed.
+        embed: whether images that stay are taken in from their files and data URIs; InputError where one is missing.
     """
     files = {want.content: want for want in reversed(wants)}
     contents = list(dict.fromkeys(want.content for want in wants))
@@ -143,13 +137,10 @@ def _assigned(made: Json, wants: Sequence[Want]) -> dict[int, str]:
 def _placed(
     document: Document, made: Json, wants: Sequence[Want], contents: Sequence[str], kind: ImageKind
 ) -> tuple[dict[str, int], dict[int, str]]:
-    """Gives every content an image, in the place of one that nothing uses any more where there is such.
-
-    Returns:
-        content to its image; and bufferView to the content that it is to hold, old ones among them.
-    """
+    """Gives every content an image, in the place of one that nothing uses any more where there is such. Returns content
+    to its image; and bufferView to the content that it is to hold, old ones among them."""
     images, all_views = made.setdefault("images", []), made.setdefault("bufferViews", [])
-    used, shared = used_images(made), view_uses(made)
+    used, shared = used_images(made), [each["bufferView"] for each in objects_with(made, "bufferView")]
     before: dict[str, dict[int, None]] = {content: {} for content in contents}
     for want in wants:
         if want.texture is not None:
@@ -203,16 +194,14 @@ def _embed_images(document: Document, made: Json, binary: Binary) -> None:
 
 
 def _merged(document: Json, buffers: Sequence[bytes | None], dropped: Collection[int]) -> Binary:
-    """One buffer in place of all that have bytes, without the bytes that nobody needs; every use is moved along.
-
-    The new buffer is the first, as a GLB wants it; placeholders without bytes follow in their order.
+    """One buffer in place of all that have bytes, without the bytes that nobody needs; every use is moved along. The
+    new buffer is the first, as a GLB wants it; placeholders without bytes (None) follow in their order.
 
     Args:
         document: its `buffers`, and every object with `buffer` and `byteOffset`, are changed.
-        buffers: bytes of each, None for placeholders.
         dropped: bufferViews whose bytes nobody needs. What something else lies in as well is kept.
     """
-    uses = buffer_uses(document)
+    uses = objects_with(document, "buffer")
     dead = {id(document["bufferViews"][index]) for index in dropped}
     binary = Binary()
     described = document.get("buffers", [])

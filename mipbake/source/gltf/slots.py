@@ -67,9 +67,7 @@ PLACES: Mapping[str, Place] = {
     **_of("KHR_materials_volume", thicknessTexture=DATA),
     **_of("KHR_materials_iridescence", iridescenceTexture=DATA, iridescenceThicknessTexture=DATA),
     **_of(
-        "KHR_materials_diffuse_transmission",
-        diffuseTransmissionTexture=ALPHA,
-        diffuseTransmissionColorTexture=COLOUR,
+        "KHR_materials_diffuse_transmission", diffuseTransmissionTexture=ALPHA, diffuseTransmissionColorTexture=COLOUR
     ),
 }
 """Every slot of glTF 2.0 and of the extensions that Khronos ratified, by its name."""

@@ -19,21 +19,11 @@ from mipbake.base.messages import listed
 from mipbake.base.srgb import linear_to_srgb
 from mipbake.material.specular_glossiness import Loss, metallic_roughness
 from mipbake.source.decode import upsample
+from mipbake.source.gltf import slots as gltf
 from mipbake.source.gltf.document import Document, Json, extensions_in, member, number
 from mipbake.source.gltf.images import PNG, Images, png_of
+from mipbake.source.gltf.lobes import SkippedError
 from mipbake.source.gltf.rewriting import Want, drop_empty, drop_extensions, retextured
-from mipbake.source.gltf.slots import (
-    BASE_COLOUR,
-    DIFFUSE,
-    METALLIC_ROUGHNESS,
-    SPECULAR_AND_GLOSS,
-    SPECULAR_GLOSSINESS,
-    UNLIT,
-    Slot,
-    label_of,
-    slot_of,
-    surface_mapping,
-)
 from mipbake.source.gltf.uses import animated_members
 
 Pixels = NDArray[np.float32]
@@ -66,8 +56,8 @@ class _Given:
         with_alpha: whether the alpha of the diffuse texture counts.
     """
 
-    diffuse: Slot | None
-    packed: Slot | None
+    diffuse: gltf.Slot | None
+    packed: gltf.Slot | None
     factors: tuple[float, ...]
     with_alpha: bool
 
@@ -91,23 +81,14 @@ class _Made:
     loss: Loss
 
 
-class _KeptError(Exception):
-    """A material stays as it is; the sentence says why."""
-
-
 def without_specular_glossiness(document: Document, folder: Path) -> Converted:
     """The document with its materials of specular and glossiness converted to metallic-roughness, every factor baked in
     except the factor of alpha. A metallic-roughness material that lay beside, for readers without the extension, is
-    dropped.
-
-    Args:
-        document: from `read_document`.
-        folder: an existing, empty one for files that are of no use afterwards; the caller deletes it.
-    """
+    dropped. The folder is empty, for files that are of no use afterwards; the caller deletes it."""
     wanted = [
         (index, material)
         for index, material in enumerate(document.all("materials"))
-        if SPECULAR_GLOSSINESS in (extensions := extensions_in(material)) and UNLIT not in extensions
+        if gltf.SPECULAR_GLOSSINESS in (extensions := extensions_in(material)) and gltf.UNLIT not in extensions
     ]
     if not wanted:
         return Converted(document)
@@ -119,15 +100,15 @@ def without_specular_glossiness(document: Document, folder: Path) -> Converted:
     made: Json = copy.deepcopy(document.json)
     wants: list[Want] = []
     for index, material in wanted:
-        where = label_of(index, material)
+        where = gltf.label_of(index, material)
         try:
             given = _given(document, material, images, where)
-            if any(name.startswith(f"extensions/{SPECULAR_GLOSSINESS}/") for name in animated.get(index, ())):
-                raise _KeptError("an animation sets its factors, which metallic-roughness does not have")
+            if any(name.startswith(f"extensions/{gltf.SPECULAR_GLOSSINESS}/") for name in animated.get(index, ())):
+                raise SkippedError("an animation sets its factors, which metallic-roughness does not have")
             key = given.key(images)
             if key not in known:
                 known[key] = _converted(given, images)
-        except _KeptError as kept:
+        except SkippedError as kept:
             warnings.setdefault(f"given in specular and glossiness and left as it is: {kept}", []).append(where)
         except InputError as error:
             errors.setdefault(error.full, []).append(where)
@@ -148,12 +129,14 @@ def without_specular_glossiness(document: Document, folder: Path) -> Converted:
 
 
 def _given(document: Document, material: Json, images: Images, where: str) -> _Given:
-    held = member(extensions_in(material), SPECULAR_GLOSSINESS, where, document.path)
-    diffuse, packed = (slot_of(document, material, name, where) for name in (DIFFUSE, SPECULAR_AND_GLOSS))
+    held = member(extensions_in(material), gltf.SPECULAR_GLOSSINESS, where, document.path)
+    diffuse, packed = (
+        gltf.slot_of(document, material, name, where) for name in (gltf.DIFFUSE, gltf.SPECULAR_AND_GLOSS)
+    )
     if diffuse and packed and diffuse.mapping != packed.mapping:
-        raise _KeptError(
-            f"its {DIFFUSE} and its {SPECULAR_AND_GLOSS} lie on different texture coordinates or have different "
-            "transforms, so that no texture holds both"
+        raise SkippedError(
+            f"its {gltf.DIFFUSE} and its {gltf.SPECULAR_AND_GLOSS} lie on different texture coordinates or have "
+            "different transforms, so that no texture holds both"
         )
     factors: list[float] = []
     for name, count in (("diffuseFactor", 4), ("specularFactor", 3), ("glossinessFactor", 1)):
@@ -180,18 +163,18 @@ def _converted(given: _Given, images: Images) -> _Made:
     members: Json = {"baseColorFactor": [1.0, 1.0, 1.0], "metallicFactor": 1.0, "roughnessFactor": 1.0}
     if given.with_alpha or not _is_constant(base):
         encoded = linear_to_srgb(base.astype(np.float64))
-        files[BASE_COLOUR] = png_of(np.concatenate([encoded, alpha], -1) if given.with_alpha else encoded)
+        files[gltf.BASE_COLOUR] = png_of(np.concatenate([encoded, alpha], -1) if given.with_alpha else encoded)
     else:
         members["baseColorFactor"] = [round(float(x), 6) for x in base[0, 0]]
     if not (_is_constant(metallic) and _is_constant(roughness)):
-        files[METALLIC_ROUGHNESS] = png_of(np.concatenate([np.ones_like(metallic), roughness, metallic], -1))
+        files[gltf.METALLIC_ROUGHNESS] = png_of(np.concatenate([np.ones_like(metallic), roughness, metallic], -1))
     else:
         constants = {"metallicFactor": metallic, "roughnessFactor": roughness}
         members |= {name: round(float(values[0, 0, 0]), 6) for name, values in constants.items()}
     return _Made(files, members, loss)
 
 
-def _read(slot: Slot | None, images: Images) -> tuple[Pixels, Pixels]:
+def _read(slot: gltf.Slot | None, images: Images) -> tuple[Pixels, Pixels]:
     """Linear colours (H, W, 3) and alpha (H, W, 1) of a slot's image; ones where there is none."""
     if slot is None:
         return np.ones((1, 1, 3), np.float32), np.ones((1, 1, 1), np.float32)
@@ -205,18 +188,18 @@ def _is_constant(pixels: Pixels) -> bool:
 
 def _rewrite(before: Json, material: Json, given: _Given, made: _Made) -> list[Want]:
     """Changes a material; returns the textureInfos that are still to be given a texture."""
-    held = before["extensions"][SPECULAR_GLOSSINESS]
-    del material["extensions"][SPECULAR_GLOSSINESS]
+    held = before["extensions"][gltf.SPECULAR_GLOSSINESS]
+    del material["extensions"][gltf.SPECULAR_GLOSSINESS]
     if not material["extensions"]:
         del material["extensions"]
     pbr: Json = {**made.members, "baseColorFactor": [*made.members["baseColorFactor"], given.factors[3]]}
     wants = []
     for name, slot in (
-        (BASE_COLOUR, given.diffuse or given.packed),
-        (METALLIC_ROUGHNESS, given.packed or given.diffuse),
+        (gltf.BASE_COLOUR, given.diffuse or given.packed),
+        (gltf.METALLIC_ROUGHNESS, given.packed or given.diffuse),
     ):
         if name in made.files and slot is not None:
-            pbr[name] = {"index": -1, **surface_mapping(held[slot.name])}
+            pbr[name] = {"index": -1, **gltf.surface_mapping(held[slot.name])}
             label = f"{before.get('name') or 'material'} {name.removesuffix('Texture')}"
             wants.append(Want(pbr[name], slot.texture, slot.sampler, made.files[name], label))
     material["pbrMetallicRoughness"] = pbr

@@ -22,17 +22,13 @@ def is_remote(uri: str) -> bool:
 
 
 def read_uri(uri: str, document: Path, what: str, within: bool = True) -> bytes:
-    """The bytes that a URI stands for.
+    """The bytes that a URI of a document stands for: a data URI, or a path relative to the document's folder,
+    percent-encoded. InputError for damaged data, a missing file, a path out of the folder or an address in a network.
 
     Args:
-        uri: as the document has it: a data URI, or a path relative to the document's folder, percent-encoded.
-        document: the file that says so.
         what: what it should be, for messages ("image 3 (bark)").
         within: whether the file must lie within the document's folder. Exporters write ../textures, and what is not an
             image is refused later; other bytes of files elsewhere must not get into what is written.
-
-    Raises:
-        InputError: damaged data, a missing file, a path out of the document's folder or an address in a network.
     """
     if _is_data(uri):
         return _data(uri, document, what)
@@ -51,11 +47,8 @@ def read_uri(uri: str, document: Path, what: str, within: bool = True) -> bytes:
 
 
 def file_of(uri: object, document: Path, within: Path, what: str) -> Path | None:
-    """The file that a URI leads to; None where it leads to none.
-
-    Raises:
-        InputError: it leads out of the folder `within`; nothing there is looked at.
-    """
+    """The file that a URI leads to; None where it leads to none. InputError where it leads out of the folder `within`;
+    nothing there is looked at."""
     if not isinstance(uri, str) or _is_data(uri) or is_remote(uri):
         return None
     if not all(disk.lies_in(document.parent / text, within) for text in spellings(uri)):

@@ -35,14 +35,10 @@ def used_images(document: Json) -> set[int]:
     return found
 
 
-def view_uses(document: Json) -> list[int]:
-    """The bufferViews that are named by the key `bufferView`, as often as they are."""
-    return [each["bufferView"] for each in _objects(document) if _is_index(each.get("bufferView"))]
-
-
-def buffer_uses(document: Json) -> list[Json]:
-    """Every object that lies in a buffer: it has `buffer`, and `byteOffset` where that is not 0."""
-    return [each for each in _objects(document) if _is_index(each.get("buffer"))]
+def objects_with(document: Json, key: str) -> list[Json]:
+    """Every object that names a bufferView or a buffer by that key. What lies in a buffer has `byteOffset` where it
+    is not 0."""
+    return [each for each in _objects(document) if _is_index(each.get(key))]
 
 
 def extensions_of(document: Json) -> set[str]:
@@ -106,7 +102,8 @@ def _walked(node: Any, words: tuple[str, ...], inside: bool = False) -> Iterator
             yield from _in_extensions(value)
             continue
         below = (*words, key.casefold()) if isinstance(key, str) else words
-        if isinstance(value, dict) and _is_texture_info(key, value):
+        info = isinstance(value, dict) and isinstance(key, str) and key.casefold().endswith("texture")
+        if info and _is_index(value.get("index")):
             yield "texture", (value, value["index"])
             yield from _in_extensions(value.get("extensions"))
         elif inside and _is_index(value):
@@ -115,7 +112,3 @@ def _walked(node: Any, words: tuple[str, ...], inside: bool = False) -> Iterator
                     yield word, (node, value)
         else:
             yield from _walked(value, below, inside)
-
-
-def _is_texture_info(key: object, value: Json) -> bool:
-    return isinstance(key, str) and key.casefold().endswith("texture") and _is_index(value.get("index"))

@@ -13,21 +13,9 @@ from mipbake.base.errors import InputError, UsageError
 from mipbake.base.srgb import srgb_to_linear
 from mipbake.material.aim import sampler_from
 from mipbake.material.pixel_filter import filter_named
+from mipbake.source.gltf import slots as gltf
 from mipbake.source.gltf.document import Document, Json, member, number, read_document
 from mipbake.source.gltf.images import KTX2, stored_image
-from mipbake.source.gltf.slots import (
-    ANISOTROPIC,
-    ANISOTROPY,
-    BASE,
-    BASE_COLOUR,
-    COLOUR,
-    PLACES,
-    Lobe,
-    holder_of,
-    info_of,
-    label_of,
-    slot_of,
-)
 from mipbake.source.images import ktx2
 from mipbake.source.images.blocks import from_blocks
 from mipbake.source.images.quantise import dequantised
@@ -39,18 +27,14 @@ Levels = list[NDArray[np.float32]]
 
 
 def stack_in_glb(path: Path, job: Job, texture_set: TextureSet) -> MipStack:
-    """The stack of a texture set that a GLB which was baked from its source really holds.
+    """The stack of a texture set that a GLB which was baked from its source really holds. InputError where the GLB is
+    broken, was not made by mipbake, or was made of another source.
 
     Textures are decoded level by level, and factors of the material are applied: what comes is what an engine samples
     and shades with. The square of a texture set that came from no glTF is read too.
 
     Args:
-        path: a GLB that `mipbake bake` wrote.
-        job: of the source, from `mipbake.source.intake.jobs`.
         texture_set: of the job, with sides as `mipbake.stack.gltf.glb.multiple_of_side` makes them.
-
-    Raises:
-        InputError: the GLB is broken, was not made by mipbake, or was made of another source.
     """
     made = read_document(path)
     extras = made.json["asset"].get("extras")
@@ -60,7 +44,7 @@ def stack_in_glb(path: Path, job: Job, texture_set: TextureSet) -> MipStack:
     if job.bake is None or job.document is None:
         if "materials" in about:
             raise InputError(f"{path} was baked from a glTF file: expected that as its source, not {job.source}")
-        return _Reader(made, 0, BASE, None, {}).stack(texture_set, about)
+        return _Reader(made, 0, gltf.BASE, None, {}).stack(texture_set, about)
     index = job.bake.materials[0]
     if job.bake.name not in about.get("materials", {}) or index >= len(made.all("materials")):
         raise InputError(
@@ -83,7 +67,7 @@ class _Reader:
 
     made: Document
     index: int
-    lobe: Lobe
+    lobe: gltf.Lobe
     slots: tuple[str, ...] | None
     before: Json
 
@@ -93,13 +77,13 @@ class _Reader:
 
     @property
     def where(self) -> str:
-        return label_of(self.index, self.material)
+        return gltf.label_of(self.index, self.material)
 
     def stack(self, texture_set: TextureSet, about: Json) -> MipStack:
         """The stack; what no texture holds is as in the texture set."""
         normal, packed = self.levels(self.lobe.normal), self.levels(self.lobe.roughness)
-        base = self.levels(BASE_COLOUR) if self.lobe is BASE else None
-        directions = self.levels(ANISOTROPIC) if self.lobe is BASE and texture_set.anisotropic else None
+        base = self.levels(gltf.BASE_COLOUR) if self.lobe is gltf.BASE else None
+        directions = self.levels(gltf.ANISOTROPIC) if self.lobe is gltf.BASE and texture_set.anisotropic else None
         chains = [chain for chain in (base, packed, normal, directions) if chain is not None]
         if not chains:
             raise InputError(f"{self.made.path}: {self.where} has no texture with levels: expected a baked one")
@@ -110,7 +94,7 @@ class _Reader:
                 f"{self.made.path}: the textures of {self.where} have different sizes: expected what `mipbake bake` "
                 "wrote"
             )
-        holder = holder_of(self.material, self.lobe.roughness, self.where, self.made)
+        holder = gltf.holder_of(self.material, self.lobe.roughness, self.where, self.made)
         factors = [self.number(holder, name, default) for name, default in self.lobe.factors]
         roughness, metallic = (*factors, 0.0)[:2]  # a clearcoat has no metallic
         mean = texture_set.maps["base_color"].pixels.mean((0, 1), np.float64).astype(np.float32)
@@ -131,8 +115,8 @@ class _Reader:
 
     def levels(self, slot: str) -> Levels | None:
         """(H_L, W_L, 3) in [0, 1], colours linear; None where there is no texture, or one that was not baked."""
-        known = info_of(self.material, slot) is not None and (self.slots is None or slot in self.slots)
-        found = slot_of(self.made, self.material, slot, self.where) if known else None
+        known = gltf.info_of(self.material, slot) is not None and (self.slots is None or slot in self.slots)
+        found = gltf.slot_of(self.made, self.material, slot, self.where) if known else None
         if found is None:
             return None
         data, kind = stored_image(self.made, found.image, f"{slot} of {self.where}")
@@ -140,7 +124,7 @@ class _Reader:
         if kind is not KTX2:
             raise InputError(f"{what} is not a KTX 2 texture: expected levels that `mipbake bake` wrote")
         texture = ktx2.decoded(data, what)
-        if texture.format.srgb != (PLACES[slot].holds == COLOUR) or texture.format.channels < 3:
+        if texture.format.srgb != (gltf.PLACES[slot].holds == gltf.COLOUR) or texture.format.channels < 3:
             raise InputError(f"{what} is {texture.format.name}: expected what `mipbake bake` wrote")
         texels = (np.asarray(dequantised(level[..., :3]), np.float32) for level in from_blocks(texture))
         return [np.asarray(srgb_to_linear(each) if texture.format.srgb else each, np.float32) for each in texels]
@@ -157,13 +141,13 @@ class _Reader:
         return np.where(found[1] > 0, found[0] / np.maximum(found[1], 1e-6), np.float32(1)).astype(np.float32)
 
     def normals(self, level: NDArray[np.float32]) -> NDArray[np.float32]:
-        scale = self.number(info_of(self.material, self.lobe.normal) or {}, "scale", 1.0)
+        scale = self.number(gltf.info_of(self.material, self.lobe.normal) or {}, "scale", 1.0)
         return np.asarray((level * 2 - 1) * np.array([scale, scale, 1], np.float32))
 
     def directions(self, level: NDArray[np.float32]) -> NDArray[np.float32]:
         """Direction and strength, turned and scaled as KHR_materials_anisotropy says."""
         extensions = member(self.material, "extensions", self.where, self.made.path)
-        held = member(extensions, ANISOTROPY, self.where, self.made.path)
+        held = member(extensions, gltf.ANISOTROPY, self.where, self.made.path)
         angle = self.number(held, "anisotropyRotation", 0.0)
         c, s = math.cos(angle), math.sin(angle)
         x, y = (level[..., i : i + 1] * 2 - 1 for i in (0, 1))

@@ -7,18 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from mipbake.source.gltf import slots as gltf
 from mipbake.source.gltf.document import Json
 from mipbake.source.gltf.images import BASISU, KTX2
 from mipbake.source.gltf.rewriting import Binary
-from mipbake.source.gltf.slots import (
-    ANISOTROPIC,
-    ANISOTROPY,
-    BASE_COLOUR,
-    EMISSIVE,
-    METALLIC_ROUGHNESS,
-    NORMAL,
-    OCCLUSION,
-)
 from mipbake.stack.gltf.ranges import Ranges
 from mipbake.stack.gltf.write import finished
 
@@ -37,19 +29,14 @@ def standalone(
     alpha: Mapping[str, Any] | None = None,
     ranges: Ranges = Ranges(),  # noqa: B008
 ) -> bytes:
-    """A GLB with a square of side 1 in the plane z = 0 that faces +z and shows a material.
-
-    The top left corner of the images is at (-1/2, 1/2, 0); tangents point along +x, so that green in the normal map is
-    up.
+    """A GLB with a square of side 1 in the plane z = 0 that faces +z and shows a material of the same name. The top
+    left corner of the images is at (-1/2, 1/2, 0); tangents point along +x, so that green in the normal map is up.
 
     Args:
-        name: of the material and the square.
-        maps: slot to a complete KTX 2 file, UASTC or RGBA of 8 bits, sides multiples of 4.
-        provenance: JSON values: `asset.extras.mipbake`.
+        maps, ranges: see `GltfResult`. provenance: JSON values: `asset.extras.mipbake`.
         wrap: addressing along u and v, each "wrap" or "clamp".
         occlusion: whether the red channel of the metallicRoughness map, which is there, is ambient occlusion.
         alpha: `alphaMode`, and `alphaCutoff` for "MASK"; None for an opaque material.
-        ranges: what the material multiplies the values in its maps by.
     """
     binary = Binary()
     made: Json = {
@@ -71,7 +58,7 @@ def standalone(
         made["bufferViews"].append(binary.view(data))
         made["images"].append({"name": slot, "mimeType": KTX2.mime, "bufferView": len(made["bufferViews"]) - 1})
         made["textures"].append({"sampler": 0, "extensions": {BASISU: {"source": index}}})
-    extensions = [BASISU] * bool(maps) + [ANISOTROPY] * (ANISOTROPIC in maps)
+    extensions = [BASISU] * bool(maps) + [gltf.ANISOTROPY] * (gltf.ANISOTROPIC in maps)
     if extensions:
         made |= {"extensionsUsed": extensions, "extensionsRequired": [BASISU]}
     return finished(made, binary)
@@ -79,24 +66,24 @@ def standalone(
 
 def _material(name: str, maps: Mapping[str, bytes], occlusion: bool, ranges: Ranges) -> Json:
     index = {slot: {"index": i} for i, slot in enumerate(maps)}
-    packed = METALLIC_ROUGHNESS in maps
+    packed = gltf.METALLIC_ROUGHNESS in maps
     pbr: Json = {
         "baseColorFactor": [1.0] * 4,
         "metallicFactor": 1 if packed else 0.0,
         "roughnessFactor": ranges.roughness if packed else 1.0,
     }
-    pbr |= {slot: index[slot] for slot in (BASE_COLOUR, METALLIC_ROUGHNESS) if slot in maps}
+    pbr |= {slot: index[slot] for slot in (gltf.BASE_COLOUR, gltf.METALLIC_ROUGHNESS) if slot in maps}
     material: Json = {"name": name, "pbrMetallicRoughness": pbr}
-    material |= {slot: index[slot] for slot in (NORMAL, EMISSIVE) if slot in maps}
-    if NORMAL in maps and ranges.normal != 1:
-        material[NORMAL]["scale"] = ranges.normal
-    if EMISSIVE in maps:
+    material |= {slot: index[slot] for slot in (gltf.NORMAL, gltf.EMISSIVE) if slot in maps}
+    if gltf.NORMAL in maps and ranges.normal != 1:
+        material[gltf.NORMAL]["scale"] = ranges.normal
+    if gltf.EMISSIVE in maps:
         material["emissiveFactor"] = [1, 1, 1]
     if occlusion:
-        material[OCCLUSION] = dict(index[METALLIC_ROUGHNESS])
-    if ANISOTROPIC in maps:
-        anisotropy = {"anisotropyStrength": 1, "anisotropyRotation": 0, ANISOTROPIC: index[ANISOTROPIC]}
-        material["extensions"] = {ANISOTROPY: anisotropy}
+        material[gltf.OCCLUSION] = dict(index[gltf.METALLIC_ROUGHNESS])
+    if gltf.ANISOTROPIC in maps:
+        anisotropy = {"anisotropyStrength": 1, "anisotropyRotation": 0, gltf.ANISOTROPIC: index[gltf.ANISOTROPIC]}
+        material["extensions"] = {gltf.ANISOTROPY: anisotropy}
     return material
 
 

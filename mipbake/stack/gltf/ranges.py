@@ -6,7 +6,6 @@ glTF multiplies x and y of a normal texture by `normalTexture.scale` before it r
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -72,7 +71,8 @@ class Ranges:
 def ranges_of(levels: Levels, model: str) -> Ranges:
     """Ranges for the levels of a stack of `gltf` or `gltf-anisotropic`: nearly all slopes of its normals lie within the
     scale, and the highest roughness becomes 1."""
-    return Ranges(_scale(levels, model), _roughness_factor(levels, model))
+    highest = max(float(level[..., channels_of(model, "roughness")].max()) for level in levels)
+    return Ranges(_scale(levels, model), min(1.0, max(_LEAST_FACTOR, _short(highest + 5e-7))))
 
 
 def _scale(levels: Levels, model: str) -> float:
@@ -80,12 +80,6 @@ def _scale(levels: Levels, model: str) -> float:
     normals = [level[..., channels_of(model, "normal")] for level in levels[:2]]
     slopes = [np.abs(each[..., :2] / np.maximum(each[..., 2:], _LEAST_Z)).reshape(-1) for each in normals]
     return _short(min(1.0, max(LEAST_SCALE, float(np.quantile(np.concatenate(slopes), _SHARE)))))
-
-
-def _roughness_factor(levels: Sequence[NDArray[np.float32]], model: str) -> float:
-    """The highest roughness of all levels."""
-    highest = max(float(level[..., channels_of(model, "roughness")].max()) for level in levels)
-    return min(1.0, max(_LEAST_FACTOR, _short(highest + 5e-7)))
 
 
 def _unit(vectors: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -9,18 +9,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from mipbake.source.gltf import container
+from mipbake.source.gltf import slots as gltf
 from mipbake.source.gltf.document import Document, Json
 from mipbake.source.gltf.images import BASISU, KTX2, source_of, stored_image
 from mipbake.source.gltf.materials import GltfBake
 from mipbake.source.gltf.plain import PlainTexture
 from mipbake.source.gltf.rewriting import Binary, Want, drop_empty, drop_extensions, retextured
-from mipbake.source.gltf.slots import (
-    ANISOTROPIC,
-    ANISOTROPY,
-    info_of,
-    made_holder,
-    surface_mapping,
-)
 from mipbake.source.gltf.uses import extensions_of
 from mipbake.stack.gltf.ranges import Ranges
 
@@ -48,6 +42,7 @@ def rewritten(
     plain: Sequence[tuple[PlainTexture, bytes]] = (),
 ) -> bytes:
     """A GLB of the document in which the materials of the results show the baked maps, and others averaged textures.
+    InputError where an image that stays is missing, OutputError where the file would be larger than a GLB can be.
 
     Factors that the bake took in become 1, or what the ranges of a result say. An occlusion that lay in the
     metallicRoughness image follows it, as the amount of a clearcoat follows its roughness. A result without an
@@ -56,13 +51,9 @@ def rewritten(
     chunk. Unknown extensions, extras and compressed geometry are kept.
 
     Args:
-        document: as it was read.
         results: bakes of `read_materials` of the same document, none twice.
         provenance: JSON values that say how the maps were made: `asset.extras.mipbake`.
         plain: textures of `read_materials` with complete KTX 2 files, made like the files of the maps.
-
-    Raises:
-        InputError: an image that stays is missing. OutputError: the file would be larger than a GLB can be.
     """
     made: Json = copy.deepcopy(document.json)
     wants = _wants(document, made, results, plain)
@@ -70,7 +61,7 @@ def rewritten(
     if wants:
         drop_extensions(document, made)
         present = extensions_of(made)
-        for key, needed in (("extensionsUsed", {BASISU, ANISOTROPY} & present), ("extensionsRequired", {BASISU})):
+        for key, needed in (("extensionsUsed", {BASISU, gltf.ANISOTROPY} & present), ("extensionsRequired", {BASISU})):
             kept = made.get(key, [])
             made[key] = kept + sorted(needed - set(kept))
     extras = made["asset"].get("extras")
@@ -84,7 +75,7 @@ def check_images(document: Document, bakes: Sequence[GltfBake]) -> None:
     made: Json = copy.deepcopy(document.json)
     results = []
     for bake in bakes:
-        slots = [slot for slot in bake.slots if slot != ANISOTROPIC or "anisotropy" in bake.options.maps]
+        slots = [slot for slot in bake.slots if slot != gltf.ANISOTROPIC or "anisotropy" in bake.options.maps]
         # What is in a map is of no matter for which images it takes the place of.
         results.append(GltfResult(bake, {slot: f"{bake.name}/{slot}".encode() for slot in slots}))
     retextured(document, made, _wants(document, made, results, ()), KTX2, embed=True)
@@ -114,12 +105,12 @@ def _wants(
             _set_factors(material, result)
             for slot, data in result.maps.items():
                 wants += _of_map(document, result.bake, index, material, slot, data)
-            normal = info_of(material, lobe.normal)
+            normal = gltf.info_of(material, lobe.normal)
             if lobe.normal in result.maps and normal is not None:
                 _set(normal, "scale", 1, result.ranges.normal)
     for texture, data in plain:
         for index, slot in texture.uses:
-            info = info_of(made["materials"][index], slot)
+            info = gltf.info_of(made["materials"][index], slot)
             if info is None:
                 raise AssertionError(f"{slot} of material {index} has been read")
             wants.append(Want(info, info["index"], textures[info["index"]].get("sampler"), data))
@@ -130,17 +121,17 @@ def _of_map(document: Document, bake: GltfBake, index: int, material: Json, slot
     """The textureInfos of a material that a slot's map is for; those that it lacked are made."""
     textures = document.all("textures")
     before, lobe = document.all("materials")[index], bake.lobe
-    main = info_of(before, lobe.normal) or info_of(before, lobe.roughness)
+    main = gltf.info_of(before, lobe.normal) or gltf.info_of(before, lobe.roughness)
     if main is None:
         raise AssertionError(f"material {index} has something to bake")
-    holder = made_holder(material, slot)
-    info = info_of(material, slot)
+    holder = gltf.made_holder(material, slot)
+    info = gltf.info_of(material, slot)
     shown = None if info is None else info["index"]
     sampler = textures[main["index"] if shown is None else shown].get("sampler")
-    if info is None or slot == ANISOTROPIC:
-        holder[slot] = info = {"index": shown, **surface_mapping(main)}
+    if info is None or slot == gltf.ANISOTROPIC:
+        holder[slot] = info = {"index": shown, **gltf.surface_mapping(main)}
     wants = [Want(info, shown, sampler, data)]
-    red = info_of(material, lobe.red)
+    red = gltf.info_of(material, lobe.red)
     if slot == lobe.roughness and shown is not None and red and bake.options.maps.get("occlusion"):
         images = {stored_image(document, source_of(document, t, slot), slot)[0] for t in (shown, red["index"])}
         if len(images) == 1:
@@ -153,14 +144,14 @@ def _set_factors(material: Json, result: GltfResult) -> None:
     there is 1 by itself; an anisotropy that the bake took in and no map holds is taken away."""
     maps, lobe = result.maps, result.bake.lobe
     if lobe.roughness in maps:
-        holder = made_holder(material, lobe.roughness)
+        holder = gltf.made_holder(material, lobe.roughness)
         for (key, default), value in zip(lobe.factors, (result.ranges.roughness, 1), strict=False):
             _set(holder, key, default, value)
-    if ANISOTROPIC in maps:
-        holder = made_holder(material, ANISOTROPIC)
+    if gltf.ANISOTROPIC in maps:
+        holder = gltf.made_holder(material, gltf.ANISOTROPIC)
         holder |= {"anisotropyStrength": 1, "anisotropyRotation": 0}
     elif maps and "anisotropy" in result.bake.options.maps:
-        del material["extensions"][ANISOTROPY]
+        del material["extensions"][gltf.ANISOTROPY]
         if not material["extensions"]:
             del material["extensions"]
 
