@@ -56,10 +56,7 @@ class Shelf:
 
     def archive(self, path: Path, place: str) -> Archive:
         """An archive that is unpacked, when it is used, into the folder `place`, which names its set as its file does.
-
-        Raises:
-            InputError: it cannot be read, is too large, or holds what would lie outside that folder.
-        """
+        InputError as `_checked_members` has it."""
         members = tuple(_checked_members(path))
         return Archive(path, self.folder / place / safe_name(path.stem, "archive"), members, self)
 
@@ -114,12 +111,8 @@ class Archive:
 
 
 def _checked_members(path: Path) -> list[zipfile.ZipInfo]:
-    """What of an archive is read; nothing is unpacked.
-
-    Raises:
-        InputError: it is not a ZIP archive, is encrypted, holds nothing to read or too much, or has a member that would
-            lie elsewhere or is a link.
-    """
+    """What of an archive is read; nothing is unpacked. InputError where it is not a ZIP archive, is encrypted, holds
+    nothing to read or too much, or has a member that would lie elsewhere or is a link."""
     try:
         with zipfile.ZipFile(path) as opened:
             every = opened.infolist()
@@ -196,11 +189,8 @@ def _place(member: zipfile.ZipInfo) -> PurePosixPath:
 
 
 def _unpack(path: Path, members: Sequence[zipfile.ZipInfo], folder: Path) -> None:
-    """Writes members of an archive below a folder.
-
-    Raises:
-        InputError: one of them is damaged, or larger than the archive says. OutputError: there is no room.
-    """
+    """Writes members of an archive below a folder. InputError where one is damaged, or larger than the archive says;
+    OutputError where there is no room."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         free = shutil.disk_usage(folder).free

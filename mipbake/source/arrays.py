@@ -7,12 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mipbake.base.colour import LINEAR
 from mipbake.base.errors import InputError
 from mipbake.source.decode import RANGES, unit_directions
 from mipbake.source.normal import normalised
 from mipbake.source.options import COLOUR_ROLES
-from mipbake.source.sources import DATA, MapSource
 
 _TOPS = (1, 255, 65535)
 """The largest encoded value: of floats, of 8 bits and of 16 bits."""
@@ -83,9 +81,3 @@ def check_shape(role: str, array: NDArray[np.float32], rows: int, columns: int) 
     h, w = array.shape[:2]
     if (h, w) != (1, 1) and (h > rows or w > columns or abs(w * rows - h * columns) > max(rows, columns)):
         raise InputError(f"{role} is {w} x {h} and the largest map is {columns} x {rows}: expected one shape")
-
-
-def array_source(role: str, array: NDArray[np.float32], reason: str) -> MapSource:
-    """The source of a map (H, W, C) that is in no file, and why it fills the role."""
-    encoding = LINEAR if role in COLOUR_ROLES else DATA
-    return MapSource(role, None, "", array.shape[1], array.shape[0], "float", encoding, False, reason)

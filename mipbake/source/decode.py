@@ -52,12 +52,8 @@ class TextureMap:
 
 
 def decode_map(source: MapSource, image: Image, options: LoadOptions) -> tuple[TextureMap, list[str]]:
-    """The values of one role out of a file's image, at the image's size, and warnings. x and y of normals are as
-    stored: they are turned when it is known what green means.
-
-    Raises:
-        InputError: the values cannot be that role's.
-    """
+    """The values of one role out of a file's image, at the image's size, and warnings; InputError where they cannot be
+    that role's. x and y of normals are as stored: they are turned when it is known what green means."""
     stored, log = taken(source, image), Log()
     if source.role == "normal":
         pixels = _normals(source, stored, log)

@@ -33,6 +33,7 @@ from mipbake.source.sources import (
     MapSource,
     NormalConvention,
     file_source,
+    made_source,
     source_model,
     spoken,
 )
@@ -47,14 +48,8 @@ _CONSTANTS: Mapping[str, tuple[float, ...]] = {
 
 def find(files: Sequence[Path], options: LoadOptions) -> Found:
     """What the files of one set are, from names and headers; `mipbake.source.texture_set.read` reads it. A normal
-    convention that no name says stays assumed, with confidence 0.
-
-    Args:
-        files: of the set, whatever they are. options: choices that override what names say.
-
-    Raises:
-        InputError: there is no usable set. UsageError: an option names what does not exist.
-    """
+    convention that no name says stays assumed, with confidence 0. InputError where there is no usable set, UsageError
+    where an option names what does not exist."""
     if not files:
         raise InputError("no files were given: expected the maps of one texture set")
     for file in files:
@@ -200,10 +195,7 @@ def _natural_channels(role: str, header: Header) -> str:
 
 
 def _constant(role: str, value: tuple[float, ...]) -> MapSource:
-    if role == "base_color" and len(value) == 1:
-        value = value * 3
-    encoding = LINEAR if role in COLOUR_ROLES else DATA
-    return MapSource(role, None, "", 1, 1, "float", encoding, False, "constant", constant=value)
+    return made_source(role, 1, 1, "constant", value * 3 if role == "base_color" and len(value) == 1 else value)
 
 
 def _check_complete(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import glob
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -19,6 +19,10 @@ from mipbake.source.tiles import is_pattern, tiles_of
 
 Kind = Literal["folder", "udim", "gltf", "materialx", "archive", "file"]
 """A folder of maps, tiles of several texture sets, a glTF or MaterialX file, a ZIP archive, a single map."""
+
+_SUFFIXES: Mapping[Kind, Collection[str]] = {
+    **{"gltf": GLTF, "materialx": (MATERIALX,), "archive": (SUFFIX,), "file": IMAGE_SUFFIXES},
+}
 
 LIST_MARK = "@"
 STDIN = "-"
@@ -50,11 +54,8 @@ def expand(sources: Sequence[str]) -> list[Path]:
 
 
 def kind(path: str | os.PathLike[str]) -> Kind:
-    """What a source is: by its suffix, or by the names of the files in a folder.
-
-    Raises:
-        InputError: it does not exist, or is a file of another kind.
-    """
+    """What a source is: by its suffix, or by the names of the files in a folder. InputError where it does not exist, or
+    is a file of another kind."""
     path = Path(path)
     if is_pattern(path):
         return "udim"
@@ -64,14 +65,9 @@ def kind(path: str | os.PathLike[str]) -> Kind:
         what = "is neither a file nor a folder" if disk.exists(path) else "does not exist"
         raise InputError(f"{path} {what}: expected {EXPECTED}")
     suffix = path.suffix.lower()
-    if suffix in GLTF:
-        return "gltf"
-    if suffix == MATERIALX:
-        return "materialx"
-    if suffix == SUFFIX:
-        return "archive"
-    if suffix in IMAGE_SUFFIXES:
-        return "file"
+    for found, suffixes in _SUFFIXES.items():
+        if suffix in suffixes:
+            return found
     raise InputError(f"{path} is not a source: expected {EXPECTED}; a list of paths is given as {LIST_MARK}FILE")
 
 

@@ -53,14 +53,9 @@ def jobs(sources: Sequence[str], options: LoadOptions, scratch: Path) -> list[Jo
 
 
 def files_of_set(files: tuple[Path, ...], options: LoadOptions, what: str = "", tile: int = 0) -> SetFiles:
-    """One of several sets in a folder, or a tile of one: patterns among the maps stand for its own files.
-
-    Args:
-        files: of the set or tile. options: of the set. what: how messages call a set. tile: its number, 0 for none.
-
-    Raises:
-        InputError: a pattern matches several of the files; a tile has no normal or no roughness map.
-    """
+    """One of several sets in a folder, or a tile of one (0: none): patterns among the maps stand for its own files.
+    `what`: how messages call a set. InputError where a pattern matches several of the files, or a tile has no normal or
+    no roughness map."""
     own = tile_options(options, tile, files[0].parent) if tile else options
     return SetFiles(files, resolved(own, files, f"tile {tile}" if tile else what))
 

@@ -48,8 +48,8 @@ class Job:
         parts: tile number to what it is read from; a single part without a number (0) for sets that are not tiles.
         notes, warnings: what was found in the source, in sentences.
         place: folder of the result's folder, relative to the folder of all results.
-        archive: that the files lie in; None where they are not in one.
-        document, bake: the document of a glTF source, and which of its bakes this is. plain: all its averaged textures.
+        archive: that the files lie in. document, bake: of a glTF source, and which of its bakes this is. plain: all its
+            averaged textures.
     """
 
     source: Path

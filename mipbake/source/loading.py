@@ -25,11 +25,7 @@ def as_texture_set(source: TextureSet | PathLike | Sequence[PathLike]) -> Textur
     return source if isinstance(source, TextureSet) else load(source)
 
 
-def load(
-    source: PathLike | Iterable[PathLike],
-    options: LoadOptions | None = None,
-    **overrides: Any,
-) -> TextureSet:
+def load(source: PathLike | Iterable[PathLike], options: LoadOptions | None = None, **overrides: Any) -> TextureSet:
     """Reads a texture set.
 
     Args:

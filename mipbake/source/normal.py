@@ -102,14 +102,10 @@ def holes(normals: Vectors, length: Lengths | None = None) -> NDArray[np.bool_]:
 
 
 def held(normals: Vectors, length: Lengths | None = None) -> tuple[Vectors, int]:
-    """Normals whose heights are MIN_NORMAL_Z or more, and how many texels had less.
+    """Normals (H, W, 3) whose heights are MIN_NORMAL_Z or more, and how many texels had less. `length`: see `holes`.
 
     Those, and vectors without length, take the mean of their neighbours that have more, made unit; holes of several
     texels are filled from their rims inwards. Other texels stay bit for bit. Where no texel has more, all are flat.
-
-    Args:
-        normals: (H, W, 3) unit vectors.
-        length: (H, W) of the vectors before they were made unit; None where they had none of their own.
     """
     broken = holes(normals, length)
     count = int(np.count_nonzero(broken))
@@ -248,10 +244,5 @@ def _check_looks_like_normals(texels: Vectors, whole: NDArray[Any], path: Path) 
             f"{path} does not look like a normal map ({1 - upward:.0%} of it points into the surface, its mean tilt is "
             f"{min(math.degrees(math.atan(tilt)), 90):.0f} degrees): {expected}; is it a colour map?"
         )
-    if len(texels) >= 256 and np.ptp(texels, axis=0).min() > 0 and _least_correlation(texels) > 0.8:
+    if len(texels) >= 256 and np.ptp(texels, axis=0).min() > 0 and np.corrcoef(texels.T.astype(np.float64)).min() > 0.8:
         raise InputError(f"{path} has channels that rise and fall together, like a colour map's: {expected}")
-
-
-def _least_correlation(texels: NDArray[np.float32]) -> float:
-    c = np.corrcoef(texels.T.astype(np.float64))
-    return float(min(c[0, 1], c[0, 2], c[1, 2]))

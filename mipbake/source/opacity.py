@@ -52,15 +52,8 @@ def shown(texture_set: TextureSet) -> TextureSet:
 def covering(
     levels: Sequence[Image], stored: Image, opacity: Image, colours: slice, pixel_filter: str, wrap: Wrap
 ) -> list[Image]:
-    """Baked levels (H_L, W_L, C) whose base colours count by their opacity; see `premultiplied`.
-
-    Args:
-        levels: as they were baked.
-        stored: (H, W, C) of level 0 of the source, nothing in it hidden, base colours in the same channels.
-        opacity: (H, W) in [0, 1].
-        colours: channels of the base colour.
-        pixel_filter: that the levels were baked for.
-    """
+    """Baked levels (H_L, W_L, C) whose base colours count by their opacity; see `premultiplied`. `stored`: (H, W, C) of
+    level 0 of the source, nothing in it hidden, base colours in the same channels."""
     made = premultiplied(stored[..., colours], opacity, [level[..., colours] for level in levels], pixel_filter, wrap)
     out = []
     for level, colour in zip(levels, made, strict=True):
@@ -71,19 +64,14 @@ def covering(
 
 
 def premultiplied(colour: Image, opacity: Image, levels: Sequence[Image], pixel_filter: str, wrap: Wrap) -> list[Image]:
-    """Baked base colours as if they had been filtered by opacity: texels count for as much as they cover.
-
-    Every level is multiplied by the ratio of the average that is weighted by opacity to the plain one, which leaves
-    what a method made of colours beyond averaging.
+    """Baked base colours (H_L, W_L, 3) as if they had been filtered by opacity (H, W): texels count for as much as they
+    cover. Every level is multiplied by the ratio of the average that is weighted by opacity to the plain one, which
+    leaves what a method made of colours beyond averaging, and stays in [0, 1]; where nothing is covered, it is as it
+    was.
 
     Args:
         colour: (H, W, 3) linear base colour of the source, nothing in it hidden.
-        opacity: (H, W) in [0, 1].
-        levels: (H_L, W_L, 3) as they were baked.
-        pixel_filter: that they were baked for.
-
-    Returns:
-        Levels within [0, 1]; where nothing is covered, as they were.
+        pixel_filter: that the levels were baked for.
     """
     weight = opacity[..., None]
     chains = [filtered_levels(image, pixel_filter, wrap) for image in (colour * weight, weight, colour)]

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake.base.colour import LINEAR
 from mipbake.material import GLTF_MODELS, MODELS
 from mipbake.source.images.image import Header, Image
-from mipbake.source.options import STRAIGHT
+from mipbake.source.options import COLOUR_ROLES, STRAIGHT
 
 DATA = "data"
 """Encoding of maps whose values are not colours: stored linearly."""
@@ -107,17 +108,12 @@ class IgnoredFile:
 @dataclass(frozen=True)
 class Found:
     """What was found of a texture set: names and headers, nothing decoded. `mipbake.source.texture_set.read` makes a
-    `TextureSet` of it, which says the same of itself in `TextureSet.found`.
+    `TextureSet` of it, which says the same of itself in `TextureSet.found`, in fields of the same names.
 
     Args:
-        name: of the set, safe as a folder name.
-        width, height: common size of the maps that shade, in texels.
         model: the material model that the maps fill.
         maps: role to source, in the order of `ROLES`; always holds base_color, normal, roughness and metallic.
         normal_convention: of the normal map, and how that was decided.
-        notes: what was found and assumed, in sentences.
-        warnings: what the user should look at, in sentences.
-        ignored: files that fill no role.
     """
 
     name: str
@@ -143,6 +139,14 @@ def file_source(
     about = (header.width, header.height, header.depth, encoding, inverted, reason)
     layer = (header.declared.part, header.declared.layer)
     return MapSource(role, header.path, channels, *about, layer=layer, **others)
+
+
+def made_source(
+    role: str, width: int, height: int, reason: str, constant: tuple[float, ...] | None = None
+) -> MapSource:
+    """The source of a role whose values are in no file, and why it fills the role."""
+    encoding = LINEAR if role in COLOUR_ROLES else DATA
+    return MapSource(role, None, "", width, height, "float", encoding, False, reason, constant)
 
 
 def source_model(anisotropic: bool) -> str:

@@ -32,19 +32,12 @@ _CONVERTED = "converted from the diffuse and specular colours"
 def take_specular(
     chosen: dict[str, Match], ignored: Sequence[IgnoredFile], folder: Path, options: LoadOptions
 ) -> MapSource | None:
-    """The specular colours of a set in specular and glossiness; None for any other set.
+    """The specular colours of a set in specular and glossiness; None for any other set. UsageError where a specular map
+    is chosen beside a metallic one.
 
     A set is one where names tell of a diffuse map, of a specular map and of gloss, and of no metallic map: a specular
     map beside a roughness is as often an amount for dielectrics, and is left out. Gloss in the alpha of the specular
-    map becomes the roughness of `chosen`.
-
-    Args:
-        chosen: role to the file that fills it.
-        ignored: files that fill none.
-        folder: of the set.
-
-    Raises:
-        UsageError: a specular map is chosen beside a metallic one.
+    map becomes the roughness of `chosen`, which is role to the file that fills it.
     """
     choice = options.maps.get(SPECULAR)
     if choice is None:
@@ -93,11 +86,8 @@ def _word(path: Path) -> str:
 
 
 def as_metallic(maps: dict[str, TextureMap], log: Log) -> None:
-    """Converts the base colour and the metallic of maps where those are diffuse and specular colours so far.
-
-    Args:
-        maps: role to map, those that shade of one size. log: takes what is said of it.
-    """
+    """Converts the base colour and the metallic of maps, of one size, where those are diffuse and specular colours so
+    far."""
     diffuse, specular = maps["base_color"], maps["metallic"]
     if not specular.source.converted:
         return

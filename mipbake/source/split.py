@@ -13,28 +13,20 @@ from mipbake.base.messages import listed
 from mipbake.source.images.read import IMAGE_SUFFIXES
 from mipbake.source.names import Meaning, NameMatch, asset_words, classify
 from mipbake.source.options import SHADING_ROLES, LoadOptions, MapChoice
+from mipbake.source.tiles import CHANNELS, PLACEHOLDER
 
 _STAR = "*"
-_TILE = re.compile("<(UDIM|UVTILE)>", re.IGNORECASE)
-_CHANNELS = re.compile(r":[RGBA]{1,4}$", re.IGNORECASE)
 
 
 def divided(
     files: Sequence[Path], options: LoadOptions, tiles: Mapping[Path, str] | None = None
 ) -> Mapping[str, tuple[Path, ...]]:
-    """The several sets that files belong to, by the words that their names begin with: these words, empty for names of
-    roles alone, to files. Empty where all are one set. Files that are left out belong to none of the sets.
+    """The several sets that files of a folder belong to, by the words that their names begin with: these words, empty
+    for names of roles alone, to files. Empty where all are one set. Files that are left out belong to none of the sets.
+    `tiles`: file to the text of its UDIM tile, which is not a part of a set's name.
 
     They are several where two of them are complete, with a normal and a roughness map each, and two files would fill
-    one role. `--map ROLE=PATTERN` says the roles of files whose names do not.
-
-    Args:
-        files: of one folder.
-        options: choices of maps; roles that they decide for all sets say nothing.
-        tiles: file to the text of its UDIM tile, which is not a part of a set's name.
-
-    Raises:
-        UsageError: a pattern has more than one *.
+    one role. `--map ROLE=PATTERN` says the roles of files whose names do not; UsageError where it has more than one *.
     """
     images = [file for file in files if file.suffix.lower() in IMAGE_SUFFIXES]
     texts = tiles or {}
@@ -72,22 +64,15 @@ def divided(
 
 
 def resolved(options: LoadOptions, files: Sequence[Path], what: str) -> LoadOptions:
-    """Options with the file in place of every pattern, for one set; a role whose pattern matches none of its files is
-    left to the names of the others.
-
-    Args:
-        options: with patterns. files: of the set. what: how messages call it.
-
-    Raises:
-        InputError: a pattern matches several files of the set.
-    """
+    """Options with the file in place of every pattern, for one set, which messages call `what`; a role whose pattern
+    matches none of its files is left to the names of the others. InputError where a pattern matches several of them."""
     maps: dict[str, MapChoice] = {}
     for role, choice in options.maps.items():
         if not _is_pattern(choice):
             maps[role] = choice
             continue
         text = str(choice)
-        channels = _CHANNELS.search(text)
+        channels = CHANNELS.search(text)
         found = [file for file in files if _expression(role, text).fullmatch(file.name)]
         if len(found) > 1:
             raise InputError(
@@ -105,12 +90,12 @@ def _is_pattern(choice: MapChoice) -> bool:
 
 def _expression(role: str, text: str) -> re.Pattern[str]:
     """A regular expression for the names of files that a pattern stands for."""
-    bare = _CHANNELS.sub("", text)
+    bare = CHANNELS.sub("", text)
     if bare.count(_STAR) != 1 or "/" in bare:
         raise UsageError(f"--map {role}={text} is not a pattern of files: expected the name of a file with * once")
     before, after = (re.escape(part) for part in bare.split(_STAR))
     # Of tiles the name holds <UDIM>, as elsewhere.
-    return re.compile(_TILE.sub(r"(?:1\\d{3}|u\\d+_v\\d+)", f"{before}(?P<name>.*){after}"), re.IGNORECASE)
+    return re.compile(PLACEHOLDER.sub(r"(?:1\\d{3}|u\\d+_v\\d+)", f"{before}(?P<name>.*){after}"), re.IGNORECASE)
 
 
 def _without_tile(stem: str, tile: str) -> str:

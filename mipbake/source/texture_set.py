@@ -19,22 +19,23 @@ from mipbake.base.errors import UsageError
 from mipbake.material import convert
 from mipbake.material.directions import untangled
 from mipbake.material.filtered_source import FilteredSource
-from mipbake.source.arrays import array_source, check_shape, checked_array
+from mipbake.source.arrays import check_shape, checked_array
 from mipbake.source.decode import TextureMap, constant_map, decode_map, resized, scaled
 from mipbake.source.images.image import turn_vectors
 from mipbake.source.images.read import read_image
 from mipbake.source.matches import BASE_ALPHA, alpha_note
-from mipbake.source.normal import (
-    DECIDED_CONFIDENCE,
-    Vectors,
-    held,
-    holes_warning,
-    integrability,
-    is_constant,
-    tiles,
-)
+from mipbake.source.normal import DECIDED_CONFIDENCE, Vectors, held, holes_warning, integrability, is_constant, tiles
 from mipbake.source.options import CARRIED, ORIGINS, SHADING_ROLES, WRAP_MODES, LoadOptions
-from mipbake.source.sources import Found, IgnoredFile, Log, MapSource, NormalConvention, source_model, spoken
+from mipbake.source.sources import (
+    Found,
+    IgnoredFile,
+    Log,
+    MapSource,
+    NormalConvention,
+    made_source,
+    source_model,
+    spoken,
+)
 from mipbake.source.specular import as_metallic
 
 __all__ = ["MapSource", "NormalConvention", "TextureMap", "TextureSet", "read", "source_model"]
@@ -178,21 +179,15 @@ class TextureSet:
             if role in SHADING_ROLES:
                 check_shape(role, array, rows, columns)
             digest.update(f"{role} {array.shape}".encode() + array.tobytes())
-            texture = TextureMap(array, array_source(role, array, "given as an array"))
+            texture = TextureMap(array, made_source(role, array.shape[1], array.shape[0], "given as an array"))
             maps[role] = resized(texture, columns, rows, wrap) if role in SHADING_ROLES else texture
         convention = NormalConvention("opengl", "option", 1.0)
         return cls(name, maps, columns, rows, wrap, convention, digest.hexdigest(), warnings=warnings)
 
 
 def read(found: Found, options: LoadOptions) -> TextureSet:
-    """The texture set of what was found: every map decoded.
-
-    Args:
-        found: from `mipbake.source.discover.find`. options: that it was found with.
-
-    Raises:
-        InputError: a file cannot be used; the sentence says which and what to do.
-    """
+    """The texture set of what `mipbake.source.discover.find` found with these options: every map decoded. InputError
+    where a file cannot be used; the sentence says which and what to do."""
     log = Log([*found.notes], [*found.warnings])
     decoded, warnings = _decoded(found, options)
     normal = found.maps["normal"]
@@ -265,12 +260,9 @@ def _decoded(found: Found, options: LoadOptions) -> tuple[dict[str, TextureMap],
 
 
 def _decided(convention: NormalConvention, label: str, vectors: Vectors, flat: bool, log: Log) -> NormalConvention:
-    """The convention of a normal map, checked against its pixels, or decided by them.
-
-    Args:
-        convention: as far as options and names say it. label: how messages call the map.
-        vectors: `tiles` of its normals as stored. flat: whether all of them are the same: there is nothing to see.
-    """
+    """The convention of a normal map, as far as options and names say it, checked against its pixels, or decided by
+    them: `tiles` of its normals as stored. `flat`: whether all of them are the same, so that there is nothing to
+    see."""
     name, confidence = integrability(vectors)
     decided = confidence >= DECIDED_CONFIDENCE
     if convention.decided_by in (*ORIGINS, "name"):

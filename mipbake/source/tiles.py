@@ -20,13 +20,14 @@ FIRST, LAST = 1001, 1999
 # What stands before and after a tile in a name, so that numbers within words are not tiles.
 _NUMBER = re.compile(r"(?<=[._-])1\d{3}(?=[._-])")
 _CELL = re.compile(r"(?<=[._-])u(\d{1,2})_v(\d{1,3})(?=[._-])", re.IGNORECASE)
-_PLACEHOLDER = re.compile("<(UDIM|UVTILE)>", re.IGNORECASE)
-_CHANNELS = re.compile(":[RGBA]{1,4}$", re.IGNORECASE)
+PLACEHOLDER = re.compile("<(UDIM|UVTILE)>", re.IGNORECASE)
+CHANNELS = re.compile(":[RGBA]{1,4}$", re.IGNORECASE)
+"""What may follow the name of a file that is chosen for a role."""
 
 
 def is_pattern(name: str | os.PathLike[str]) -> bool:
     """Whether a name holds <UDIM> (1001) or <UVTILE> (u1_v1, as Mudbox counts)."""
-    return _PLACEHOLDER.search(os.fspath(name)) is not None
+    return PLACEHOLDER.search(os.fspath(name)) is not None
 
 
 def place(tile: int) -> tuple[int, int]:
@@ -38,7 +39,7 @@ def place(tile: int) -> tuple[int, int]:
 def pattern_files(pattern: str | os.PathLike[str]) -> dict[int, Path]:
     """The files that a pattern with <UDIM> or <UVTILE> stands for, by tile; InputError when there are none."""
     path = Path(pattern)
-    parts = _PLACEHOLDER.split(path.name)[::2]
+    parts = PLACEHOLDER.split(path.name)[::2]
     if len(parts) != 2 or is_pattern(path.parent):
         raise InputError(f"{path} is not a pattern of tiles: expected <UDIM> or <UVTILE> once, in the file's name")
     before, after = parts
@@ -50,7 +51,7 @@ def pattern_files(pattern: str | os.PathLike[str]) -> dict[int, Path]:
             found[tile] = path.parent / name
     if not found:
         raise InputError(
-            f"{path} stands for no file: expected tiles such as {_PLACEHOLDER.sub('1001', path.name)} in {path.parent}"
+            f"{path} stands for no file: expected tiles such as {PLACEHOLDER.sub('1001', path.name)} in {path.parent}"
         )
     return dict(sorted(found.items()))
 
@@ -61,10 +62,8 @@ def tiles_of(files: Iterable[str | os.PathLike[str]]) -> Mapping[int, list[Path]
     A name holds its tile between dots, underscores or hyphens: `wood_color.1001.exr`, `wood_1001_color.png`,
     `wood_color_u1_v1.tif`. A number is taken for a tile only where a second file has the same name except for the tile,
     or where others do so with the same number: `wood_1024.png` alone is as wide as it says. A name with <UDIM> or
-    <UVTILE> stands for all its files, even for a single file. Files of no tile are left out.
-
-    Raises:
-        InputError: a pattern stands for no file.
+    <UVTILE> stands for all its files, even for a single file; InputError where there is none. Files of no tile are left
+    out.
     """
     tiles: dict[Path, int] = {}
     sets: dict[tuple[Path, str, str], dict[int, Path]] = {}
@@ -88,18 +87,9 @@ def tiles_of(files: Iterable[str | os.PathLike[str]]) -> Mapping[int, list[Path]
 
 
 def tile_options(options: LoadOptions, tile: int, folder: Path | None = None) -> LoadOptions:
-    """The options for one tile: <UDIM> and <UVTILE> in the maps are replaced.
-
-    Maps that this tile has no file for are left out, as `load` fills them with constants.
-
-    Args:
-        options: of the whole set.
-        tile: its number.
-        folder: that relative names are relative to; None for the working directory.
-
-    Raises:
-        InputError: the tile has no normal or no roughness map.
-    """
+    """The options for one tile: <UDIM> and <UVTILE> in the maps are replaced, which are relative to the folder, or to
+    the working directory. Maps that this tile has no file for are left out, as `load` fills them with constants;
+    InputError where it has no normal or no roughness map."""
     maps: dict[str, MapChoice] = {}
     for role, choice in options.maps.items():
         maps[role] = choice
@@ -107,8 +97,8 @@ def tile_options(options: LoadOptions, tile: int, folder: Path | None = None) ->
             continue
         u, v = place(tile)
         written = {"UDIM": str(tile), "UVTILE": f"u{u + 1}_v{v + 1}"}
-        text = _PLACEHOLDER.sub(lambda found: written[found[1].upper()], os.fspath(choice))  # noqa: B023
-        there = (folder or Path()) / _CHANNELS.sub("", text)
+        text = PLACEHOLDER.sub(lambda found: written[found[1].upper()], os.fspath(choice))  # noqa: B023
+        there = (folder or Path()) / CHANNELS.sub("", text)
         maps[role] = text
         if "*" not in text and not disk.is_file(there):
             if role in ("normal", "roughness"):

@@ -14,10 +14,9 @@ from mipbake.base.messages import listed
 from mipbake.material.directions import untangled
 from mipbake.material.fill import fill
 from mipbake.material.pixel_filter import level_sizes
-from mipbake.source.arrays import array_source
 from mipbake.source.decode import TextureMap, resized, unit_vectors
 from mipbake.source.options import CARRIED, ROLES, SHADING_ROLES
-from mipbake.source.sources import spoken
+from mipbake.source.sources import made_source, spoken
 from mipbake.source.texture_set import TextureSet
 from mipbake.source.tiles import name_with, place
 
@@ -74,19 +73,14 @@ def islands(tiles: Iterable[int]) -> list[list[int]]:
 
 def mosaics(tiles: Mapping[int, TextureSet]) -> list[Mosaic]:
     """Texture sets side by side as their tile numbers say, u to the right and v upwards: a mosaic for each size that
-    tiles have, the largest first, in which the tiles of that size keep their texels.
+    tiles have, the largest first, in which the tiles of that size keep their texels. It is the rectangle around all
+    tiles, so those that lie far apart are better joined by `islands`. UsageError for tiles with different alpha
+    cutoffs.
 
     Tiles of another size than the mosaic's are resampled to it, for what is filtered across borders. A map that only
     some tiles have is a constant in the others (anisotropy of strength 0, occlusion, opacity and carried channels 1,
     emissive 0; a height is continued from the tiles around). Where there is no tile, the maps are continued from the
     tiles around: nothing foreign is filtered into their borders.
-
-    Args:
-        tiles: number, from 1001 to 1999, to texture set. Tiles that lie far apart are better joined by `islands`: the
-            mosaic is the rectangle around all of them.
-
-    Raises:
-        UsageError: tiles whose opacity is tested against different cutoffs.
     """
     cutoffs = list(dict.fromkeys(s.alpha_cutoff for s in tiles.values()))
     if len(cutoffs) > 1:
@@ -166,7 +160,7 @@ def _mosaic_map(
             pixels = untangled(pixels, CLAMPED)
         filled = unit_vectors(fill(pixels, known.astype(np.float32)), role)
         pixels = np.where(known[..., None], pixels, filled)
-    return TextureMap(pixels, array_source(role, pixels, "tiles side by side"))
+    return TextureMap(pixels, made_source(role, pixels.shape[1], pixels.shape[0], "tiles side by side"))
 
 
 def _constant(role: str) -> tuple[float, ...] | None:

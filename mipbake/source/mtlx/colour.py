@@ -6,22 +6,10 @@ from collections.abc import Mapping
 
 from mipbake.base.colour import LINEAR, SRGB, canonical_colour_space
 from mipbake.base.errors import UsageError
+from mipbake.source.images.colours import RAW, spelt_space
 from mipbake.source.mtlx.trace import Texture
 from mipbake.source.options import COLOUR_ROLES
 from mipbake.source.sources import Log
-
-_SPACES: Mapping[str, str] = {
-    **dict.fromkeys(("srgb_texture", "srgb_rec709", "srgb", "utility - srgb - texture"), SRGB),
-    **dict.fromkeys(("lin_rec709", "lin_srgb", "raw", "none", "data", "linear", "non-color", "utility - raw"), LINEAR),
-    **dict.fromkeys(("acescg", "lin_ap1", "aces - acescg"), "linear ACEScg"),
-    **dict.fromkeys(("aces2065-1", "lin_ap0", "aces - aces2065-1"), "linear ACES2065-1"),
-    **dict.fromkeys(("srgb_displayp3", "srgb_p3d65"), "Display P3"),
-    **dict.fromkeys(("lin_displayp3", "lin_p3d65"), "linear Display P3"),
-    "lin_rec2020": "linear ITU-R BT.2020",
-    **dict.fromkeys(("adobergb", "g22_adobergb"), "Adobe RGB (1998)"),
-    "lin_adobergb": "linear Adobe RGB (1998)",
-}
-"""Colour spaces of MaterialX and of the Color Interop Forum (without its _scene) to names that decoding knows."""
 
 _NEARLY_SRGB = ("g22_rec709", "g18_rec709", "gamma22", "gamma18", "gamma24", "rec709_display")
 _INTEGER_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tga")
@@ -59,12 +47,13 @@ def colour_space_of(textures: Mapping[str, Texture], log: Log) -> str | None:
 
 def decoding(name: str) -> str | None:
     """The name under which decoding knows a colour space; None where it does not."""
-    lowered = name.strip().lower().removesuffix("_scene")
-    if lowered in _SPACES:
-        return _SPACES[lowered]
-    if lowered in _NEARLY_SRGB:
+    lowered = name.strip().lower()
+    if lowered.removesuffix("_scene") in _NEARLY_SRGB:
         return SRGB
-    try:
-        return canonical_colour_space(name)
-    except UsageError:
-        return None
+    space = RAW if lowered in ("none", "data") else spelt_space(lowered.removesuffix("_scene"))
+    if space is None:
+        try:
+            return canonical_colour_space(name)
+        except UsageError:
+            return None
+    return LINEAR if space == RAW else f"linear {space}" if space in ("ACEScg", "ACES2065-1") else space

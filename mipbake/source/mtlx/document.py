@@ -62,9 +62,7 @@ class Document:
     """A parsed document with its includes.
 
     Args:
-        path: of the main file.
-        root: its top element, which also holds the elements of included files.
-        parents: of every element.
+        root: its top element, which also holds the elements of included files. parents: of every element.
         folders: folders that names in an element are relative to, of the top elements that came from included files.
         notes: what was found, in sentences.
         within: folder that everything which it names has to lie in; None for any.
@@ -186,15 +184,8 @@ class Document:
 
 
 def read_document(path: Path, within: Path | None = None) -> Document:
-    """A MaterialX document with the documents that it includes, one level deep, each once.
-
-    Args:
-        path: of the document.
-        within: folder that everything which it names has to lie in; None for any.
-
-    Raises:
-        InputError: it cannot be read, is too large or no MaterialX of 1.38 or 1.39, or an include is missing.
-    """
+    """A MaterialX document with the documents that it includes, one level deep, each once. `within`: see `Document`.
+    InputError where it cannot be read, is too large or no MaterialX of 1.38 or 1.39, or an include is missing."""
     root = _parsed(path)
     document = Document(path, root, within=within)
     read = {disk.resolved(path)}
@@ -240,11 +231,7 @@ class _NoDoctype(ElementTree.TreeBuilder):
     """Refuses document types: they are of no use in MaterialX, and the entities that they define can fill memory."""
 
     def doctype(self, *_: object) -> None:
-        raise _DoctypeError
-
-
-class _DoctypeError(Exception):
-    pass
+        raise UnreadError
 
 
 def _parsed(path: Path) -> Element:
@@ -259,7 +246,7 @@ def _parsed(path: Path) -> Element:
         raise InputError(
             f"{path} is damaged in line {error.position[0]} ({reason}): expected XML of MaterialX; export it again"
         ) from error
-    except _DoctypeError:
+    except UnreadError:
         raise InputError(f"{path} declares a document type, which MaterialX does not have: remove <!DOCTYPE>") from None
     except (LookupError, ValueError) as error:  # encodings that Python does not know
         raise InputError(f"{path} is in an encoding that cannot be read ({error}): save it as UTF-8") from error

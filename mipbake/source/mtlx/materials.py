@@ -7,7 +7,6 @@ Surface, glTF PBR, OpenPBR Surface and UsdPreviewSurface.
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,9 +20,7 @@ from mipbake.source.mtlx.shaders import SHADERS
 from mipbake.source.mtlx.trace import Tracer
 from mipbake.source.options import LoadOptions
 from mipbake.source.sources import Log
-from mipbake.source.tiles import is_pattern, pattern_files, tile_options
-
-_CHANNELS = re.compile(":[RGBA]{1,4}$")
+from mipbake.source.tiles import CHANNELS, is_pattern, pattern_files, tile_options
 
 
 @dataclass(frozen=True)
@@ -35,8 +32,7 @@ class MtlxMaterial:
         options: what fills every role, with absolute paths. Every role is set, so that names decide nothing.
         files: the files of all its textures, with the files of all tiles.
         udim: whether names in `options.maps` hold <UDIM> or <UVTILE>: `tiles` is to be used then.
-        notes: what was found and assumed, in sentences.
-        warnings: what the user should look at, in sentences.
+        notes, warnings: what was found and assumed, and what the user should look at, in sentences.
     """
 
     name: str
@@ -47,11 +43,8 @@ class MtlxMaterial:
     warnings: tuple[str, ...] = ()
 
     def tiles(self) -> Mapping[int, tuple[list[Path], LoadOptions]]:
-        """Tile number to the files and the options that `mipbake.load` takes for it; empty without UDIM.
-
-        Raises:
-            InputError: a tile lacks its normal or its roughness map.
-        """
+        """Tile number to the files and the options that `mipbake.load` takes for it; empty without UDIM. InputError
+        where a tile lacks its normal or its roughness map."""
         patterns = [p for p in _paths(self.options) if is_pattern(p)]
         numbers = sorted({tile for pattern in patterns for tile in pattern_files(pattern)})
         own = {tile: tile_options(self.options, tile) for tile in numbers}
@@ -71,16 +64,9 @@ class MtlxMaterials:
 
 
 def read_materialx(path: str | os.PathLike[str], within: Path | None = None) -> MtlxMaterials:
-    """The materials of a document.
-
-    Args:
-        path: of the document.
-        within: folder that everything which it names has to lie in; None for any.
-
-    Raises:
-        InputError: the document cannot be read, or none of its materials: it names textures that are not there, its
-            shaders are of other kinds, or neither normal nor roughness comes from a file.
-    """
+    """The materials of a document; `within` as for `read_document`. InputError where it cannot be read, or none of its
+    materials: it names textures that are not there, its shaders are of other kinds, or neither normal nor roughness
+    comes from a file."""
     document = read_document(Path(path), within)
     surfaces = _surfaces(document)
     if not surfaces:
@@ -172,4 +158,4 @@ def _files(options: LoadOptions, where: str) -> tuple[Path, ...]:
 def _paths(options: LoadOptions) -> list[Path]:
     """The files and patterns that maps name, each once."""
     named = [choice for choice in options.maps.values() if isinstance(choice, str)]
-    return list(dict.fromkeys(Path(_CHANNELS.sub("", choice)) for choice in named))
+    return list(dict.fromkeys(Path(CHANNELS.sub("", choice)) for choice in named))

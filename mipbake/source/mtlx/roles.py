@@ -178,18 +178,9 @@ class _Roles:
 def read_roles(
     tracer: Tracer, node: Element, scope: Scope, shader: Shader, displaced: Link | str, where: str, log: Log
 ) -> LoadOptions:
-    """What fills every role of a material.
-
-    Args:
-        tracer: of the document.
-        node, scope: the shader's. shader: what it is.
-        displaced: the node that displaces the surface; a text for none.
-        where: document and material, for errors.
-        log: takes notes and warnings.
-
-    Raises:
-        InputError: neither normal nor roughness comes from a file, or the shader is used in a way that is not read.
-    """
+    """What fills every role of a material; InputError where neither normal nor roughness comes from a file, or the
+    shader is used in a way that is not read. `displaced`: the node that displaces the surface; a text for none.
+    `where`: document and material, for errors."""
     roles = _Roles(tracer, node, scope, shader, log)
     if roles.number("useSpecularWorkflow", 0):
         raise InputError(

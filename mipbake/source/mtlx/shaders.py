@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from mipbake.source.options import ROLES
+
 
 @dataclass(frozen=True)
 class Shader:
@@ -21,58 +23,33 @@ class Shader:
     weights: Mapping[str, tuple[str, float]] = field(default_factory=dict)
 
 
+def _inputs(names: str) -> Mapping[str, str]:
+    """Role to input, of inputs in the order of `ROLES`: base colour, normal, roughness, metallic, anisotropy,
+    occlusion, height, emissive, opacity. A hyphen stands for none."""
+    return {role: name for role, name in zip(ROLES, names.split(), strict=True) if name != "-"}
+
+
 SHADERS: Mapping[str, Shader] = {
     "standard_surface": Shader(
-        {
-            "base_color": "base_color",
-            "normal": "normal",
-            "roughness": "specular_roughness",
-            "metallic": "metalness",
-            "anisotropy": "specular_anisotropy",
-            "emissive": "emission_color",
-            "opacity": "opacity",
-        },
+        _inputs("base_color normal specular_roughness metalness specular_anisotropy - - emission_color opacity"),
         {"base_color": 0.8, "roughness": 0.2, "metallic": 0.0},
         {"base_color": ("base", 1.0), "emissive": ("emission", 0.0)},
     ),
     "open_pbr_surface": Shader(
-        {
-            "base_color": "base_color",
-            "normal": "geometry_normal",
-            "roughness": "specular_roughness",
-            "metallic": "base_metalness",
-            "anisotropy": "specular_roughness_anisotropy",
-            "emissive": "emission_color",
-            "opacity": "geometry_opacity",
-        },
+        _inputs(
+            "base_color geometry_normal specular_roughness base_metalness specular_roughness_anisotropy - - "
+            "emission_color geometry_opacity"
+        ),
         {"base_color": 0.8, "roughness": 0.3, "metallic": 0.0},
         {"base_color": ("base_weight", 1.0), "emissive": ("emission_luminance", 0.0)},
     ),
     "gltf_pbr": Shader(
-        {
-            "base_color": "base_color",
-            "normal": "normal",
-            "roughness": "roughness",
-            "metallic": "metallic",
-            "anisotropy": "anisotropy_strength",
-            "occlusion": "occlusion",
-            "emissive": "emissive",
-            "opacity": "alpha",
-        },
+        _inputs("base_color normal roughness metallic anisotropy_strength occlusion - emissive alpha"),
         {"base_color": 1.0, "roughness": 1.0, "metallic": 1.0},
         {"emissive": ("emissive_strength", 1.0)},
     ),
     "UsdPreviewSurface": Shader(
-        {
-            "base_color": "diffuseColor",
-            "normal": "normal",
-            "roughness": "roughness",
-            "metallic": "metallic",
-            "occlusion": "occlusion",
-            "height": "displacement",
-            "emissive": "emissiveColor",
-            "opacity": "opacity",
-        },
+        _inputs("diffuseColor normal roughness metallic - occlusion displacement emissiveColor opacity"),
         {"base_color": 0.18, "roughness": 0.5, "metallic": 0.0},
     ),
 }
