@@ -107,11 +107,6 @@ def tile_options(options: LoadOptions, tile: int, folder: Path | None = None) ->
     return replace(options, maps=maps)
 
 
-def names_tile(name: str, tile: int) -> bool:
-    """Whether a file's name, given without its suffix, tells its tile: so that <UDIM> can stand for it."""
-    return any(found == tile for found, _, _ in _readings(f"{name}."))
-
-
 def text_of(name: str, tile: int) -> str:
     """How a file's name writes its tile: `1001` or `u1_v1`; empty where it does not."""
     for found, before, after in _readings(name):

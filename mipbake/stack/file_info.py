@@ -119,10 +119,7 @@ def file_info(path: Path) -> FileInfo:
 def _document(path: Path, kind: str) -> FileInfo:
     document = read_document(path)
     images = tuple(_document_image(document, index) for index in range(len(document.all("images"))))
-    extras = document.json["asset"].get("extras")
-    about = extras.get("mipbake") if isinstance(extras, dict) else None
-    about = about if isinstance(about, dict) else {}
-    return FileInfo(path, kind, "", (), (), "", path.stat().st_size, about, images=images)
+    return FileInfo(path, kind, "", (), (), "", path.stat().st_size, document.about or {}, images=images)
 
 
 def _document_image(document: Document, index: int) -> ImageInfo:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from mipbake.base.errors import UsageError
 from mipbake.source.images.quantise import fits
 from mipbake.source.layout import ENCODINGS, LAYOUTS, FileLayout, to_file
-from mipbake.source.tiles import name_without, names_tile
+from mipbake.source.tiles import name_without, text_of
 from mipbake.stack.block_weights import BlockWeights
 from mipbake.stack.container import Container
 from mipbake.stack.containers import DEFAULT_FORMAT, FORMATS, format_named
@@ -104,7 +104,7 @@ def _name(output: Output, set_name: str, packed: FileLayout, tile: int) -> str:
     if not tile:
         return output.naming.format(set=set_name, file=file)
     name = output.naming.format(set=name_without(set_name, tile), file=file)
-    return name if names_tile(file, tile) else f"{name}.{tile}"
+    return name if text_of(f"{file}.", tile) else f"{name}.{tile}"
 
 
 def whole_blocks(levels: Levels) -> bool:

@@ -51,6 +51,13 @@ class Document:
         found: list[Json] = self.json.get(kind, [])
         return found
 
+    @property
+    def about(self) -> Json | None:
+        """What mipbake wrote into it about how it was made; None in files of others."""
+        extras = self.json["asset"].get("extras")
+        about = extras.get("mipbake") if isinstance(extras, dict) else None
+        return about if isinstance(about, dict) else None
+
     def one(self, kind: str, index: object, where: str) -> Json:
         """An object of a top-level array; InputError, which says `where` it is named, where there is none."""
         objects = self.all(kind)

@@ -44,27 +44,29 @@ def read_header(path: Path, role: str = "", metadata: bool = True) -> Header:
         role: that the image fills: a file of several layers may name one for it.
         metadata: whether what the file says of orientation, alpha and colours counts; in glTF it does not.
     """
-    if _is_other(path):
-        from mipbake.source.images.other_images import header_of
+    from mipbake.source.images.other_images import START, header_of, is_other
 
+    with disk.opened(path) as file:
+        start = file.read(START)
+    if is_other(start):
         return _applied(header_of(disk.read_bytes(path), path), metadata)
-    return _header(path, _open(path), role, metadata)
+    return _header(path, _open(path, start), role, metadata)
 
 
 def read_image(path: Path, role: str | Place = "", metadata: bool = True) -> Image:
     """Every texel of an image; see `read_header`. Instead of a role, the place of the layer that a role took.
     InputError also where it is damaged or cut short, or holds NaN or infinity."""
-    data = disk.read_bytes(path)
-    if data.startswith(PNG_SIGNATURE):
-        check_png(path, io.BytesIO(data))
-    digest = hashlib.sha256(data).hexdigest()
-    if _is_other(path):
-        from mipbake.source.images.other_images import header_of, pixels_of
+    from mipbake.source.images.other_images import START, header_of, is_other, pixels_of
 
+    data = disk.read_bytes(path)
+    start, digest = data[:START], hashlib.sha256(data).hexdigest()
+    if start.startswith(PNG_SIGNATURE):
+        check_png(path, io.BytesIO(data))
+    if is_other(start):
         header, pixels = _applied(header_of(data, path), metadata), pixels_of(data, path)
     else:
         del data
-        image = _open(path)
+        image = _open(path, start)
         header = _header(path, image, role, metadata)
         pixels = _pixels(path, image, header)
     pixels = arranged(pixels, header.declared)
@@ -108,14 +110,6 @@ def _bands(
         yield slice(start, end), texels
 
 
-def _is_other(path: Path) -> bool:
-    """Whether a file is of a kind that OpenImageIO does not read."""
-    from mipbake.source.images.other_images import START, is_other
-
-    with disk.opened(path) as file:
-        return is_other(file.read(START))
-
-
 def _applied(header: Header, metadata: bool) -> Header:
     """A header of stored texels made that of the image, as the file says that they are turned and placed."""
     said = header.declared if metadata else in_gltf(header.declared)
@@ -124,15 +118,13 @@ def _applied(header: Header, metadata: bool) -> Header:
     return replace(header, width=width, height=height, declared=said)
 
 
-def _open(path: Path) -> OpenImageIO.ImageInput:
+def _open(path: Path, start: bytes) -> OpenImageIO.ImageInput:
     import OpenImageIO
 
     _check_name(path)
-    with disk.opened(path) as file:
-        start = file.read(24)
     if not start:
         raise InputError(f"{path} is empty (0 bytes): export or download it again")
-    if start.startswith(PNG_SIGNATURE) and len(start) == 24:
+    if start.startswith(PNG_SIGNATURE) and len(start) >= 24:
         _check_size(path, int.from_bytes(start[16:20], "big"), int.from_bytes(start[20:24], "big"))
     config = OpenImageIO.ImageSpec()
     config.attribute("oiio:UnassociatedAlpha", 1)

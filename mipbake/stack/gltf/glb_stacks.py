@@ -37,9 +37,8 @@ def stack_in_glb(path: Path, job: Job, texture_set: TextureSet) -> MipStack:
         texture_set: of the job, with sides as `mipbake.stack.gltf.glb.multiple_of_side` makes them.
     """
     made = read_document(path)
-    extras = made.json["asset"].get("extras")
-    about = extras.get("mipbake") if isinstance(extras, dict) else None
-    if not isinstance(about, dict):
+    about = made.about
+    if about is None:
         raise InputError(f"{path} was not made by mipbake: expected the GLB that `mipbake bake` wrote")
     if job.bake is None or job.document is None:
         if "materials" in about:
