@@ -43,7 +43,7 @@ class Inline:
 
 
 @pytest.fixture(name="inline")
-def inline_workers(monkeypatch: pytest.MonkeyPatch) -> Inline:
+def inline_workers(monkeypatch: pytest.MonkeyPatch, unmeasured: None) -> Inline:
     made = Inline()
     monkeypatch.setattr(batch_run, "workers", made.workers)
     return made

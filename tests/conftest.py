@@ -5,17 +5,19 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-if "PYTEST_XDIST_WORKER" in os.environ:  # each core has a process already; read when torch and NumPy are loaded
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# Read when torch and NumPy are loaded. Tensors of tests are small: more threads cost more than they bring.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from mipbake.base import progress
 
 from .chromium import headless
+from .command_line import write_set
 
 progress.EVERY = 3600.0  # what tests find on stderr does not hang on how fast the machine is
 
@@ -25,6 +27,21 @@ def browser() -> Iterator[Any]:
     """Headless Chromium, one for each file of tests."""
     with headless() as started:
         yield started
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A small texture set."""
+    return write_set(tmp_path / "metal")
+
+
+@pytest.fixture
+def unmeasured(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Bakes in this process do not measure what their files cost, which is nine tenths of the bake of a small set."""
+    from mipbake.stack.checking import Check
+
+    for measures in (Check.files, Check.glb):
+        monkeypatch.setattr(Check, measures.__name__, lambda *_: {})
 
 
 @pytest.fixture

@@ -20,10 +20,10 @@ SHORT = DescentEffort(rounds=5, pairs=16, samples=4, looks=ProbeEffort(groups=2,
 TWO_ROUNDS = DescentEffort(rounds=2, pairs=8, looks=ProbeEffort(groups=2, points=16, pictures=8, picture_samples=2))
 
 
-def bumpy(height: int, width: int, roughness: float = 0.25) -> np.ndarray:
+def bumpy(height: int, width: int, roughness: float = 0.25, steep: float = 0.25) -> np.ndarray:
     """Bumps of one roughness and colour."""
     rng = np.random.default_rng(1)
-    normal = np.concatenate([0.25 * rng.standard_normal((height, width, 2)), np.ones((height, width, 1))], -1)
+    normal = np.concatenate([steep * rng.standard_normal((height, width, 2)), np.ones((height, width, 1))], -1)
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
     rest = np.broadcast_to(np.array([0.7, 0.5, 0.3, 1, roughness]), (height, width, 5))
     return np.concatenate([rest, normal], -1).astype(np.float32)

@@ -21,8 +21,6 @@ from mipbake.training.losses import LOSSES
 
 from .moment_cases import TORUS, bumpy
 
-torch.set_num_threads(1)
-
 KINDS = sorted(ARCHITECTURES)
 
 

@@ -29,6 +29,8 @@ from .input_files import write_set as write_files
 from .mtlx_documents import document, image, surface, write_textures
 from .test_sources import run
 
+pytestmark = pytest.mark.usefixtures("unmeasured")
+
 Capture = pytest.CaptureFixture[str]
 LINEAR = ("--method", "linear", "--max-level", "0")
 

@@ -196,18 +196,6 @@ def test_archives_documents_and_tiles(tmp_path: Path, inline: Inline) -> None:
     assert (third.documents, third.unchanged) == (1, 3)
 
 
-@pytest.mark.long
-def test_an_entry_that_fails_keeps_none_from_being_baked(library: Path, inline: Inline) -> None:
-    (library / "broken").mkdir()
-    write_png(library / "broken/normal.png", np.tile(np.uint8([128, 128, 255]), (16, 16, 1)))
-    summary = bake(library)
-    assert counts(summary) == (2, 0, 1) and summary.exit_code == 3
-    again = bake(library)
-    assert counts(again) == (0, 2, 1)
-    write_png(library / "broken/roughness.png", np.full((16, 16), 128, np.uint8))
-    assert counts(bake(library)) == (1, 2, 0)
-
-
 def test_a_defect_is_a_failure_of_its_entry(library: Path, inline: Inline, monkeypatch: pytest.MonkeyPatch) -> None:
     def defect(*_: object) -> None:
         raise ZeroDivisionError("by zero")

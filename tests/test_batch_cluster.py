@@ -21,6 +21,7 @@ from mipbake.library.cluster import Order, check_files, followed
 from mipbake.library.task import Task
 from mipbake.source.options import LoadOptions
 
+from .batch_inline import counts
 from .command_line import fails, tree, write_set
 from .test_batch_workers import LINEAR, content, write_library
 
@@ -59,10 +60,6 @@ def bake(
 ) -> Summary:
     options = BatchOptions(cluster=machines.address, **how)
     return bake_library(library, out, LINEAR, None, options, listener or BatchListener())
-
-
-def counts(summary: Summary) -> tuple[int, int, int]:
-    return summary.baked, summary.unchanged, len(summary.failures)
 
 
 @pytest.mark.long

@@ -29,16 +29,6 @@ __all__ = ["inline_workers", "small_library"]
 
 
 @pytest.mark.long
-def test_the_list_is_a_shortcut_alone(library: Path, inline: Inline) -> None:
-    bake(library)
-    (library.parent / "out/.mipbake/batch.jsonl").unlink()
-    assert counts(bake(library)) == (0, 2, 0)
-    assert inline.labels == ["metals/steel", "wood"]
-    bake(library)
-    assert inline.labels == ["metals/steel", "wood"]  # the fixture forgets them where workers begin
-
-
-@pytest.mark.long
 def test_what_is_wrong_with_files_is_told_again_without_another_try(library: Path, inline: Inline) -> None:
     (library / "broken").mkdir()
     write_png(library / "broken/normal.png", np.tile(np.uint8([128, 128, 255]), (16, 16, 1)))
@@ -108,13 +98,15 @@ def test_a_map_that_is_added_to_tiles_of_a_materialx_document(tmp_path: Path, in
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("damage", ["a line", "another shape", "file in place of the folder"])
+@pytest.mark.parametrize("damage", ["gone", "a line", "another shape", "file in place of the folder"])
 def test_a_list_that_cannot_be_used_is_no_list(library: Path, inline: Inline, damage: str) -> None:
     bake(library)
     folder = library.parent / "out/.mipbake"
     place = folder / "batch.jsonl"
     data = place.read_bytes()
-    if damage == "a line":
+    if damage == "gone":
+        place.unlink()
+    elif damage == "a line":
         place.write_bytes(data[:100] + b"\xff" * 50 + data[150:])
     elif damage == "another shape":
         place.write_bytes(data.replace(b'"count"', b'"counts"'))

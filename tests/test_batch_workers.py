@@ -23,6 +23,7 @@ from mipbake.cli.main import main
 from mipbake.library import BatchOptions, bake_library
 from mipbake.library.workers import Share
 
+from .batch_inline import aged
 from .command_line import tree, write_png, write_set
 
 LINEAR = BakeOptions(method="linear", format="png", max_level=1)
@@ -35,10 +36,7 @@ def write_library(root: Path, count: int = 6) -> Path:
         write_set(root / f"group{index % 2}" / f"set{index}", roughness=np.full((16, 16), 40 + index, np.uint8))
     (root / "broken").mkdir()
     write_png(root / "broken" / "normal.png", np.tile(np.uint8([128, 128, 255]), (16, 16, 1)))
-    then = time.time() - 10
-    for path in root.rglob("*"):
-        os.utime(path, (then, then))
-    return root
+    return aged(root)
 
 
 def content(out: Path) -> dict[str, bytes]:

@@ -36,11 +36,6 @@ from .command_line import fails, tree, write_set
 PIPELINE = import_module("mipbake.baking.bake")
 
 
-@pytest.fixture
-def folder(tmp_path):
-    return write_set(tmp_path / "metal")
-
-
 def test_bake_writes_what_it_says(folder, tmp_path, capsys):
     arguments = ["bake", str(folder), "-o", str(tmp_path / "out"), "--method", "lean", "--format", "tx,png"]
     assert main([*arguments, "--verbose"]) == 0

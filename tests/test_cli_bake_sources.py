@@ -14,6 +14,8 @@ from .command_line import LINEAR, bake, fails, tree, write_set
 from .gpu_textures import openimageio_levels
 from .test_cli_bake_documents import small
 
+pytestmark = pytest.mark.usefixtures("unmeasured")
+
 
 @pytest.mark.parametrize("option", [["--gloss"], ["--map", "metallic=1"]])
 def test_documents_say_themselves_how_they_are_read(tmp_path, capsys, option) -> None:

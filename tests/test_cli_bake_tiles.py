@@ -16,6 +16,8 @@ from .gpu_textures import halved
 from .input_files import bytes_of, encoded, height_field, plain_set, write_image
 from .packed_sets import grey
 
+pytestmark = pytest.mark.usefixtures("unmeasured")
+
 
 def tiles(folder: Path, name: str = "rock") -> Path:
     """1001 and 1002 side by side, and 1021 apart from both."""

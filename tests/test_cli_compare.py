@@ -29,11 +29,6 @@ Run = Callable[..., dict[str, Any]]
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    return write_set(tmp_path / "metal")
-
-
-@pytest.fixture
 def run(folder: Path, tmp_path: Path, quick_comparison: None) -> Run:
     """Compares, and gives what results.json says."""
 

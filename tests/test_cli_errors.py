@@ -15,14 +15,11 @@ from mipbake.source.jobs import Job
 from mipbake.stack.containers import FORMATS
 from mipbake.stack.stack import MipStack
 
-from .command_line import fails, tree, write_set
+from .command_line import fails, tree
+
+pytestmark = pytest.mark.usefixtures("unmeasured")
 
 PIPELINE = import_module("mipbake.baking.bake")
-
-
-@pytest.fixture
-def folder(tmp_path):
-    return write_set(tmp_path / "metal")
 
 
 def spoil_missing(folder):

@@ -26,11 +26,6 @@ def few_renders(monkeypatch):
 
 
 @pytest.fixture
-def folder(tmp_path):
-    return write_set(tmp_path / "metal")
-
-
-@pytest.fixture
 def module(tmp_path, monkeypatch):
     """Makes a module of a renderer, and returns what --renderer takes."""
 

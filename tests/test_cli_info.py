@@ -17,6 +17,8 @@ from .command_line import bake, fails, run, write_set
 from .gltf_files import GltfFile, ktx2, png
 from .stacks import made_stack
 
+pytestmark = pytest.mark.usefixtures("unmeasured")
+
 
 @pytest.fixture
 def _without_decoder(monkeypatch) -> None:

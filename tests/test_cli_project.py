@@ -12,6 +12,8 @@ from mipbake.cli.main import main
 
 from .command_line import fails, write_set
 
+pytestmark = pytest.mark.usefixtures("unmeasured")
+
 
 @pytest.fixture
 def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:

@@ -16,6 +16,7 @@ from mipbake.baking.rules.closed_form import chain
 from mipbake.baking.rules.form import Form, Part, Whole
 from mipbake.material.pixel_filter import FILTERS, Wrap, filtered_levels, resample
 
+from .search_cases import bumpy
 from .stacks import constant, gltf_level
 
 WRAP: Wrap = ("wrap", "wrap")
@@ -58,15 +59,6 @@ def two_normals(slope: float, roughness: float | tuple[float, float], metallic: 
     stored[0, :, 5] = np.array([slope, -slope]) / np.hypot(slope, 1)
     stored[..., 7] = 1 / np.hypot(slope, 1)
     return stored
-
-
-def bumpy(strength: float, roughness: float = 0.3, size: int = 16) -> np.ndarray:
-    """Metal of one colour and roughness."""
-    rng = np.random.default_rng(3)
-    normal = np.concatenate([strength * rng.standard_normal((size, size, 2)), np.ones((size, size, 1))], -1)
-    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-    rest = np.broadcast_to(np.array([0.7, 0.5, 0.3, 1, roughness]), (size, size, 5))
-    return np.concatenate([rest, normal], -1).astype(np.float32)
 
 
 def run(
@@ -145,7 +137,7 @@ def test_both_axes_of_an_anisotropic_material_follow_the_rule(target: str) -> No
 def test_extremes_stay_finite_and_in_range(method: str, target: str, kernel: str) -> None:
     """Opposite normals at the horizon, roughness 0 beside 1, under a kernel with negative lobes."""
     rng = np.random.default_rng(0)
-    stored = bumpy(1e4)
+    stored = bumpy(16, 16, 0.3, 1e4)
     stored[..., 4] = rng.integers(0, 2, (16, 16))
     stored[:8, :8, 5:8] = np.where(rng.random((8, 8, 1)) < 0.5, 1, -1) * np.array([1, 0, 0])
     low, high = np.array(material.MODELS[target].limits).T
@@ -157,7 +149,7 @@ def test_extremes_stay_finite_and_in_range(method: str, target: str, kernel: str
 
 @pytest.mark.parametrize("method", FORMULAS)
 def test_the_box_leaves_level_0_and_a_pixel_filter_widens_it(method: str) -> None:
-    stored = bumpy(0.3)
+    stored = bumpy(16, 16, 0.3, 0.3)
     boxed, filtered = run(method, stored)[0], run(method, stored, kernel="gaussian")[0]
     changed = [4] if method == "unreal" else []
     same = [c for c in range(8) if c not in changed]
@@ -174,7 +166,7 @@ def test_a_tilt_of_the_whole_map_changes_no_roughness(method: str) -> None:
     """The length of the mean normal does not depend on where it points, down to mirrors."""
     angle = np.radians(50)
     turn = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
-    straight = bumpy(0.01, 0.05)
+    straight = bumpy(16, 16, 0.05, 0.01)
     tilted = straight.copy()
     tilted[..., 5:8] = straight[..., 5:8] @ turn.T
     for one, other in zip(run(method, straight), run(method, tilted), strict=True):
@@ -263,7 +255,7 @@ def test_lean_keeps_the_roughness_of_a_constant_tilt() -> None:
 def test_anisotropy_directions_agree_within_and_between_levels(angle: float) -> None:
     """Around the vertical, principal axes come with either sign; averages of opposite directions would vanish."""
     rng = np.random.default_rng(0)
-    stored = bumpy(0.02)
+    stored = bumpy(16, 16, 0.3, 0.02)
     spread = angle + 0.3 * rng.standard_normal((16, 16))
     direction = np.stack([np.cos(spread), np.sin(spread), np.full_like(spread, 0.8)], -1)
     stored = np.concatenate([stored, direction], -1).astype(np.float32)

@@ -25,19 +25,13 @@ from mipbake.quality.judging.probes import ProbeEffort
 from mipbake.stack.presets import PRESETS
 
 from . import packed_sets
+from .moment_cases import bumpy
 from .no_default_weights import hide_defaults
 from .quick_methods import quick_methods
 
 WRAP = ("wrap", "wrap")
 
 QUICK = quick_methods()
-
-
-def bumpy(height: int = 24, width: int = 20, spread: float = 0.3) -> np.ndarray:
-    rng = np.random.default_rng(1)
-    normal = np.concatenate([spread * rng.standard_normal((height, width, 2)), np.ones((height, width, 1))], -1)
-    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-    return np.concatenate([rng.random((height, width, 4)), np.full((height, width, 1), 0.3), normal], -1).astype("f4")
 
 
 def run(method: str, stored: np.ndarray, target: str = "gltf", pixel_filter: str = "gaussian") -> list[np.ndarray]:
@@ -64,7 +58,7 @@ def test_every_method_fills_a_complete_valid_chain(method: str, target: str, siz
 def test_neural_refuses_what_it_was_not_trained_for(monkeypatch: pytest.MonkeyPatch) -> None:
     hide_defaults(monkeypatch)
     with pytest.raises(UsageError, match=r"no trained weights.*'mitchell'") as error:
-        run("neural", bumpy(), "beckmann", pixel_filter="mitchell")
+        run("neural", bumpy(24, 20), "beckmann", pixel_filter="mitchell")
     others = [i.name for i in list_weights() if "beckmann" in i.targets and "mitchell" in i.pixel_filters]
     assert others and all(name in str(error.value) for name in others)
 

@@ -10,7 +10,6 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-import torch
 
 from mipbake import material
 from mipbake.material.pixel_filter import FILTERS
@@ -21,8 +20,6 @@ from mipbake.training.config import TrainingConfig, config_from, plain, read_con
 
 from .moment_cases import bumpy
 from .small_training import train
-
-torch.set_num_threads(1)
 
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 GLTF = ("gltf", "gltf-anisotropic")

@@ -23,8 +23,6 @@ from mipbake.models.parameters import clamp, to_parameters, to_stored
 
 from .moment_cases import of_model
 
-torch.set_num_threads(1)  # small tensors: a second thread costs more than it brings, above all beside other processes
-
 MODEL_NAMES = tuple(PARAMETERS)
 ANISOTROPIC = "gltf-anisotropic"
 

@@ -22,8 +22,6 @@ from mipbake.models.moment_network import MomentNetwork
 
 from .moment_cases import ANISOTROPIC, READ, SMALL, TORUS, bumpy, config_of, of_model, trained_like
 
-torch.set_num_threads(1)
-
 
 @pytest.mark.parametrize("model", READ)
 @pytest.mark.parametrize("seed", range(4))

@@ -20,8 +20,6 @@ from mipbake.models.moments import moments as moments_of
 
 from .moment_cases import SMALL, TORUS, bumpy, of_model
 
-torch.set_num_threads(1)
-
 GLTF, GGX = MODELS["gltf"], MODELS["ggx"]
 
 

@@ -15,6 +15,8 @@ from .command_line import fails, tree, write_set
 from .gltf_files import png
 from .gltf_results import two_textures
 
+pytestmark = pytest.mark.usefixtures("unmeasured")
+
 LINEAR = ["--method", "linear", "--format", "png", "--max-level", "0"]
 GLB = ["--method", "linear", "--format", "glb", "--max-level", "0"]
 

@@ -29,8 +29,6 @@ from mipbake.models.registry import list_weights, load_baker, load_network
 from .baked_levels import off
 from .moment_cases import ANISOTROPIC, TORUS, bumpy, config_of, of_model, trained_like
 
-torch.set_num_threads(1)
-
 MOMENTS, LATENT = (
     [info for info in list_weights() if isinstance(info.network, config)] for config in (MomentConfig, LatentConfig)
 )
@@ -130,8 +128,6 @@ def test_every_instruction_set_bakes_alike_and_without_torch(isa: str, tmp_path:
     assert difference.max() < 3e-3
     assert np.quantile(difference, 0.99) < 1e-4
 
-
-torch.set_num_threads(1)
 
 EVERY = tuple(MODELS)
 

@@ -21,6 +21,8 @@ from .input_files import pixels_for, plain_set
 from .test_presets import run
 from .test_specular_glossiness import glossy
 
+pytestmark = pytest.mark.usefixtures("unmeasured")
+
 MANY, MORE = "9" * 400, "9" * 5000
 PROJECT = 'library = "wood"\nout = "out"\n'
 

@@ -19,8 +19,6 @@ from mipbake.training.config import DataConfig
 from mipbake.training.data import load_materials
 from mipbake.training.procedural import MODEL, procedural_set
 
-torch.set_num_threads(1)
-
 ROOT = Path(__file__).resolve().parent.parent
 
 

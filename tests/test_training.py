@@ -26,8 +26,6 @@ from mipbake.training.procedural import procedural_set
 
 from .small_training import tiny
 
-torch.set_num_threads(1)  # small tensors: a second thread costs more than it brings, above all beside other processes
-
 CONFIGS = Path(__file__).resolve().parent.parent / "training" / "configs"
 MODEL_NAMES = AUGMENTED
 

@@ -37,8 +37,6 @@ from .moment_cases import TORUS, bumpy
 from .small_training import tiny_balanced as tiny
 from .small_training import train
 
-torch.set_num_threads(1)
-
 SETTINGS = BalancedLossConfig(crops=2, crop_size=16)
 
 

@@ -23,8 +23,6 @@ from mipbake.training.procedural import procedural_set
 
 from .small_training import tiny, train
 
-torch.set_num_threads(1)  # small tensors: a second thread costs more than it brings, above all beside other processes
-
 ENCODERS, DECODERS = ("ggx", "beckmann"), ("ggx", "beckmann", "gltf", "gltf-anisotropic")
 
 

@@ -18,8 +18,6 @@ from mipbake.training.drawing import Drawer
 
 from .small_training import tiny
 
-torch.set_num_threads(1)  # small tensors: a second thread costs more than it brings, above all beside other processes
-
 
 @dataclass(frozen=True)
 class Batch:

@@ -21,8 +21,6 @@ from mipbake.training.picture_loss import SeenPictures, draw_pictures, plain_lev
 from .moment_cases import TORUS, bumpy
 from .small_training import tiny_balanced as tiny
 
-torch.set_num_threads(1)
-
 KINDS = [TRILINEAR, ANISOTROPIC, Sampler(4, -1.0, 8)]
 PATCHES = np.stack([bumpy(16, 16, seed) for seed in (1, 2, 3)])
 

@@ -21,8 +21,6 @@ from mipbake.training.ranks import Ranks, ranks
 
 from .small_training import tiny
 
-torch.set_num_threads(1)
-
 HERE = Path(__file__).resolve().parent
 LAUNCH = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node=2"]
 

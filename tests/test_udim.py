@@ -23,6 +23,8 @@ from mipbake.stack.stack import MipStack
 
 from .input_files import bytes_of, encoded, height_field, pixels_for, write_image
 
+pytestmark = pytest.mark.usefixtures("unmeasured")
+
 ROUNDING = 2e-6  # of sums of some hundred float32 products, in another order
 
 

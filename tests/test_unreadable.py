@@ -30,12 +30,10 @@ COMMANDS = {
     "compare": lambda source, out: ["compare", source, "-o", out],
 }
 
-pytestmark = pytest.mark.skipif(os.name == "nt", reason="permissions, pipes and links of POSIX systems")
-
-
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    return write_set(tmp_path / "metal")
+pytestmark = [
+    pytest.mark.skipif(os.name == "nt", reason="permissions, pipes and links of POSIX systems"),
+    pytest.mark.usefixtures("unmeasured"),
+]
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,13 +21,14 @@ from mipbake.baking.methods import METHODS
 from mipbake.base.srgb import linear_to_srgb
 from mipbake.base.version import __version__
 from mipbake.cli.main import main
+from mipbake.material.pixel_filter import FILTERS
 from mipbake.source.gltf.document import Document, read_document
 from mipbake.source.gltf.images import KTX2, source_of, stored_image
 from mipbake.source.images import ktx2
 from mipbake.source.images.gpu_format import GpuTexture
 
 from .gltf_files import GltfFile, many_materials
-from .input_files import bytes_of, encoded, height_field, write_image, write_set
+from .input_files import bytes_of, encoded, height_field, write_set
 
 ROOT = Path(__file__).parents[1]
 WEB, ENGINES = ROOT / "web", ROOT / "benchmarks" / "engines"
@@ -35,13 +36,14 @@ COMMAND = WEB / "src" / "command.js"
 
 Maps = Mapping[str, np.ndarray]
 
-pytestmark = [
+needs_the_core = [
     pytest.mark.independent,
     pytest.mark.skipif(
         not (WEB / "dist" / "bakes.wasm").is_file(), reason="the core as WebAssembly is missing: python web/build.py"
     ),
     pytest.mark.skipif(shutil.which("node") is None, reason="Node.js is not installed"),
 ]
+pytestmark = needs_the_core
 needs_packages = pytest.mark.skipif(
     not (WEB / "node_modules").is_dir(), reason="the npm packages are missing: npm ci --prefix web"
 )
@@ -209,18 +211,6 @@ def test_maps_that_do_not_shade_are_averaged_and_alpha_keeps_its_coverage(tmp_pa
             assert np.array_equal(level[..., 3:] if role == "opacity" else level, stored)
 
 
-def test_packed_maps_are_the_same_maps(tmp_path: Path) -> None:
-    maps = dict(material(32, 32, "occlusion"))
-    apart = in_javascript(tmp_path / "apart", maps)
-    packed = np.concatenate([maps.pop(name).reshape(32, 32, 1) for name in ("occlusion", "roughness", "metallic")], -1)
-    together = in_javascript(tmp_path / "together", {**maps, "orm": packed})
-    for one, other in zip(apart.stored, together.stored, strict=True):
-        assert np.array_equal(one, other)
-    for place, name in enumerate(("occlusion", "roughness", "metallic")):
-        for one, other in zip(apart.levels(name), together.levels("orm"), strict=True):
-            assert np.array_equal(one[..., 0], other[..., place])
-
-
 def test_textures_are_those_of_the_tool(tmp_path: Path) -> None:
     maps = material(64, 36, "alpha")
     names = {"baseColor": "base_color", "normal": "normal", "roughness": "roughness"}
@@ -365,68 +355,6 @@ def test_errors_are_one_sentence_and_nothing_is_written(arguments, says, tmp_pat
     assert not said.stdout and sorted(Path().iterdir()) == before
 
 
-# ---- browsers
-
-
-@pytest.fixture
-def page(browser: Any) -> Iterator[Any]:
-    """A page of a browser that finds the package at http://package.test; nothing else is there."""
-
-    def answered(route: Any) -> None:
-        path = route.request.url.removeprefix("http://package.test/")
-        kinds = {".js": "text/javascript", ".wasm": "application/wasm", ".json": "application/json"}
-        if not path:
-            route.fulfill(body="<!doctype html><title>.</title>", content_type="text/html")
-        else:
-            kind = kinds.get(Path(path).suffix, "application/octet-stream")
-            route.fulfill(body=(WEB / path).read_bytes(), content_type=kind)
-
-    opened = browser.new_page()
-    opened.set_default_timeout(60_000)
-    opened.route("**/*", answered)
-    opened.goto("http://package.test/")
-    yield opened
-    opened.close()
-
-
-def test_browsers_bake_the_same(page: Any, tmp_path: Path) -> None:
-    rng = np.random.default_rng(3)
-    maps = {"normal": encoded(height_field(16, 24)), "roughness": bytes_of(rng.random((16, 24, 1)))}
-    wanted = in_javascript(tmp_path, maps).stored
-    given = {name: [*pixels.shape, pixels.ravel().tolist()] for name, pixels in maps.items()}
-    found = page.evaluate(
-        """async (given) => {
-            const { bake } = await import('/src/index.js');
-            const maps = {};
-            for (const [name, [height, width, channels, values]] of Object.entries(given))
-                maps[name] = { data: Uint8Array.from(values), width, height, channels };
-            const found = [];
-            for (const threads of [1, 3]) found.push(await bake(maps, { threads }));
-            return found.map(({ stored }) => stored.map(({ data }) => [...data]));
-        }""",
-        given,
-    )
-    for each in found:
-        for level, values in zip(wanted, each, strict=True):
-            assert np.array_equal(level.ravel(), np.array(values, np.float32))
-    assert len(page.workers) == 0
-
-
-def test_browsers_decode_images_without_changing_them(page: Any, tmp_path: Path) -> None:
-    pixels = np.random.default_rng(4).integers(0, 256, (5, 7, 4)).astype(np.uint8)
-    pixels[0, :, 3] = 0  # colours that are not seen stay
-    data = write_image(tmp_path / "a.png", pixels).read_bytes()
-    found = page.evaluate(
-        """async (bytes) => {
-            const { decodedImage } = await import('/src/decode.js');
-            const { data, width, height } = await decodedImage(Uint8Array.from(bytes), 'image/png', 'a');
-            return [width, height, [...data]];
-        }""",
-        list(data),
-    )
-    assert found[:2] == [7, 5] and np.array_equal(np.array(found[2], np.uint8).reshape(5, 7, 4), pixels)
-
-
 # ---- the package
 
 
@@ -452,6 +380,4 @@ def test_versions_and_methods_are_those_of_the_tool() -> None:
         cwd=WEB, capture_output=True, text=True, check=True,
     )  # fmt: skip
     methods, filters = json.loads(known.stdout)
-    assert set(methods) <= set(METHODS) and filters == list(
-        importlib.import_module("mipbake.material.pixel_filter").FILTERS
-    )
+    assert set(methods) <= set(METHODS) and filters == list(FILTERS)
