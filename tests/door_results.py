@@ -138,7 +138,16 @@ def splats() -> Results:
     conics = np.stack([widths[:, 0], mixed, widths[:, 1]], -1)
     paint = generator.uniform(0, 1, (3000, 4)).astype(np.float32)
     depth = generator.uniform(-0.1, 1, 3000).astype(np.float32)
-    return [(each, 0) for each in raster.splats(centers, conics, paint, depth, (70, 101), 5)]
+    found = [*raster.splats(centers, conics, paint, depth, (70, 101), 5)]
+    # A splat in each tile that ends at the centre of a pixel, in the columns of one register or of another.
+    row, column = np.divmod(np.arange(16 * 64), 64)
+    ends = np.stack([16 * column + 4.5, 8 * row + 3.5], -1)
+    centers = (ends - generator.uniform((1, 0), (3.5, 0), ends.shape)).astype(np.float32)
+    paint = generator.uniform(0.1, 1, (len(ends), 4)).astype(np.float32)
+    conics = np.zeros((len(ends), 3), np.float32)
+    conics[:, 0] = conics[:, 2] = 2 * np.log(255 * paint[:, 3].astype(float)) / (ends - centers)[:, 0] ** 2
+    found += raster.splats(centers, conics, paint, np.ones(len(ends), np.float32), (128, 1024), 1)
+    return [(each, 0) for each in found]
 
 
 DOORS: dict[str, Callable[[], Results]] = {

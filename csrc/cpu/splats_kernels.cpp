@@ -78,11 +78,16 @@ void draw_splats(const SplatArgs& args, const SplatBox* boxes, const std::int32_
         const int from = box.bottom > row ? box.bottom - row : 0, to = box.top - row < rows ? box.top - row : rows;
         for (int first = 0; first < width; first += lanes) {
             if (box.left >= column + first + lanes || box.right <= column + first) continue;
-            const P x = load(places + first) + P(static_cast<float>(column) + 0.5f - args.centers[2 * s]);
+            const P place = load(places + first);
+            const P x = place + P(static_cast<float>(column) + 0.5f - args.centers[2 * s]);
+            // Beyond the box rounding may lift alpha over its least, in a packet that is wide enough to get there.
+            const P opacity = select(both(place >= P(static_cast<float>(box.left - column)),
+                                          place < P(static_cast<float>(box.right - column))),
+                                     P(paint[3]), P(0.0f));
             for (int y = from; y < to; ++y) {
                 const P up(static_cast<float>(row + y) + 0.5f - args.centers[2 * s + 1]);
                 const P q = a * x * x + P(2.0f) * b * x * up + c * up * up;
-                const P alpha = smaller(P(largest_alpha), P(paint[3]) * exponential(larger(P(-0.5f) * q, P(-80.0f))));
+                const P alpha = smaller(P(largest_alpha), opacity * exponential(larger(P(-0.5f) * q, P(-80.0f))));
                 const int at = y * width + first;
                 const P through = load(tile.through + at);
                 const P drawn = select(alpha >= P(least_alpha), alpha, P(0.0f));
