@@ -383,3 +383,22 @@ def test_a_budget_that_is_too_short_leaves_the_start(monkeypatch: pytest.MonkeyP
     renderer = Slow()
     monkeypatch.setattr("time.monotonic", lambda: renderer.now)
     assert same(fitted(renderer, steps=None, budget=1.0), start())
+
+
+def test_a_fit_that_was_stopped_late_in_its_budget_goes_on_without_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Stopped(Slow):
+        def render(self, levels: Levels, view: Spot) -> Any:
+            if self.now > 60:
+                raise KeyboardInterrupt
+            return super().render(levels, view)
+
+    renderer, told = Stopped(), list[Progress]()
+    monkeypatch.setattr("time.monotonic", lambda: renderer.now)
+    settings: dict[str, Any] = {"passes": None, "checkpoint": tmp_path / "fit", "progress": told.append}
+    with pytest.raises(KeyboardInterrupt):
+        fitted(renderer, spots(40), steps=400, budget=100.0, **settings)
+    before = told[-1].step
+    fitted(Slow(), spots(40), steps=400, budget=None, **settings)
+    assert 0 < before < 400 and told[-1].step == 400

@@ -206,15 +206,15 @@ def _stages(loop: Loop, state: FitState, prepared: Views, starts: Sequence[Array
     """All steps, with more views before each stage of them but the first one; returns the rounds that follow."""
     begun, clock, file = loop.parameters.joined(starts, state.origins), loop.clock, loop.file
     learned, checking = prepared.of(LEARNED), prepared.of(HELD_OUT)
-    ends = STAGES if clock.budget is not None else STAGES[-1:]
+    first = state.stage if clock.budget is not None else len(STAGES) - 1
     limit = math.inf if clock.budget is None else ROUNDS * clock.budget
     rounds = Rounds(loop, (), (), (), (), 0)
     end = CLOSING
-    for stage in range(state.stage, len(ends)):
-        if stage > state.stage and loop.settings.stepped(state.step) < 1:
+    for stage in range(first, len(STAGES)):
+        if stage > first and loop.settings.stepped(state.step) < 1:
             with file.keeping(state):
                 before = clock.share
-                growing = before + GROWING * (ends[stage] * CLOSING - before)
+                growing = before + GROWING * (STAGES[stage] * CLOSING - before)
                 passes = prepared.passes()
                 prepared.add(CHOOSING, (before + growing) / 2)
                 prepared.refine(CHOOSING, growing)
@@ -232,11 +232,11 @@ def _stages(loop: Loop, state: FitState, prepared: Views, starts: Sequence[Array
                     now, state.seconds = loop.judge_anew(state, begun, checking), clock.seconds
                     file.save(state)
                     loop.tell(state, now)
-            if stage + 1 == len(ends):
+            if stage + 1 == len(STAGES):
                 rounds = Rounds.planned(loop, state.best, learned, checking, starts, limit)
                 if clock.budget is not None:
                     end -= rounds.seconds / clock.budget
-        loop.run(state, learned, checking, min(ends[stage] * CLOSING, end), end)
+        loop.run(state, learned, checking, min(STAGES[stage] * CLOSING, end), end)
     return rounds
 
 

@@ -26,6 +26,8 @@ LAST = 0.98  # here, what is known of these views is what counts
 # Without a budget the shares of a fit at which its views are there, and its steps are done: a guess.
 _PREPARED, _STEPPED = 0.3, 0.9
 
+TICK = 1e-6  # seconds that anything takes at least: some systems' clocks stand still for milliseconds
+
 
 class Clock:
     """How much of a fit is done: of its budget, or else of its views and steps.

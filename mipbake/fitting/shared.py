@@ -22,6 +22,7 @@ from mipbake import stochastic
 from mipbake.fitting.loop import Loop
 from mipbake.fitting.prepared import Prepared, shown
 from mipbake.fitting.renderer import Array
+from mipbake.fitting.schedule import TICK
 
 _DIFFERENCE = 2.0
 """So many quantisation steps, in the root mean square over texels, a number moves its texels by for a difference of
@@ -113,7 +114,7 @@ class Rounds:
         texels = (time.monotonic() - began) * (max(counts.values()) + 2 * _TRIES * len(_DAMPINGS))
         began = time.monotonic()
         loop.errors(loop.levels(values), checking)
-        pace = (time.monotonic() - began) / len(checking)
+        pace = max(time.monotonic() - began, TICK) / len(checking)
         left = (limit / count - texels) / pace - judged * len(checking)
         every = math.ceil(learned / left) if left > 0 else math.inf
         if every > _WIDEST:

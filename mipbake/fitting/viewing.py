@@ -15,7 +15,7 @@ from mipbake.fitting.prepared import Prepared
 from mipbake.fitting.program import Frame
 from mipbake.fitting.references import Supersampled
 from mipbake.fitting.renderer import Array, Levels, Renderer
-from mipbake.fitting.schedule import Clock
+from mipbake.fitting.schedule import TICK, Clock
 
 LEARNED, HELD_OUT, APART = "learned", "held out", "apart"
 """Views that steps learn from; views that choose between states; and views that only judge the result."""
@@ -115,7 +115,7 @@ class Views:
         while waiting and (self._left(until) > 0 or not all(kind.prepared for kind in kinds)):
             began = time.monotonic()
             self._prepare(waiting[:batch])
-            pace = (time.monotonic() - began) / min(batch, len(waiting))
+            pace = max(time.monotonic() - began, TICK) / min(batch, len(waiting))
             waiting = waiting[batch:]
             prepared = sum(len(kind.prepared) for kind in kinds)
             self._clock.viewed(prepared / (prepared + len(waiting)))
