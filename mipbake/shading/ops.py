@@ -10,7 +10,7 @@ from torch import Tensor
 from mipbake.base.first_order import refuse_second_derivatives
 from mipbake.shading import _forward
 
-__all__ = ["shade"]
+__all__ = ["shade", "shade_backward"]
 
 _ARGUMENTS = "str model, Tensor material, Tensor light, Tensor view"
 
@@ -25,7 +25,7 @@ def _(_model: str, material: Tensor, light: Tensor, _view: Tensor, _black: bool 
     return out
 
 
-_shade_backward = torch.library.custom_op(
+shade_backward = torch.library.custom_op(
     "mipbake::shade_backward",
     _forward.shade_backward,
     mutates_args=(),
@@ -33,7 +33,7 @@ _shade_backward = torch.library.custom_op(
 )
 
 
-@_shade_backward.register_fake
+@shade_backward.register_fake
 def _(_model: str, material: Tensor, *_rest: Any) -> Tensor:
     return material.new_empty(material.shape)
 
@@ -59,11 +59,11 @@ def _setup_context(ctx: Any, inputs: tuple[str, Tensor, Tensor, Tensor, bool], o
 def _backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, ...]:
     given = (ctx.model, *ctx.saved_tensors, grad, ctx.black)
     _, by_material, *by_directions, _ = ctx.needs_input_grad
-    material = _shade_backward(*given) if by_material else None
+    material = shade_backward(*given) if by_material else None
     light, view = _directions_backward(*given) if any(by_directions) else (None, None)
     return None, material, light, view, None
 
 
 shade.register_autograd(_backward, setup_context=_setup_context)
-refuse_second_derivatives(_shade_backward, "shade")
+refuse_second_derivatives(shade_backward, "shade")
 refuse_second_derivatives(_directions_backward, "shade")
