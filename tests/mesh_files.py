@@ -12,7 +12,7 @@ from mipbake.comparing.meshes.mesh import Mesh
 
 from .gltf_files import GltfFile
 
-SHAPES = [shapes.plane(), shapes.sphere(8), shapes.material_ball(4)]
+SHAPES = [shapes.plane(), shapes.sphere(8)]
 
 QUAD = {  # in the plane z = 0, u along +x, upright in the image
     "POSITION": np.array([[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]], np.float32),

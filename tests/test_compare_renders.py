@@ -111,7 +111,7 @@ def test_the_plane_recedes_from_one_texel_a_pixel_to_the_last_level() -> None:
 
 
 def test_a_mesh_is_fitted_and_keeps_its_texture_coordinates() -> None:
-    ball = shapes.material_ball(8)
+    ball = shapes.sphere(8)
     moved = dataclasses.replace(ball, positions=ball.positions * 7 + [100, 20, 3])
     found = mesh_views(moved, (256, 256), LIGHTS, (64, 64))
     assert [view.scale for view in found] == ["near", "middle", "far"]
@@ -123,7 +123,7 @@ def test_a_mesh_is_fitted_and_keeps_its_texture_coordinates() -> None:
         clip = view.camera.to_clip(moved.positions, view.resolution)
         assert (np.abs(clip[:, :3]) <= clip[:, 3:]).all()
     near = np.abs(clip := found[0].camera.to_clip(moved.positions, (64, 64)))[:, :2] / clip[:, 3:]
-    assert near.max() > 0.6
+    assert near.max() > 0.5
 
     flat = dataclasses.replace(ball, positions=ball.positions * 0)
     with pytest.raises(InputError, match="no extent"):

@@ -116,7 +116,7 @@ def test_lights_turn_about_the_vertical_while_the_camera_stays(name: str) -> Non
 
 
 def test_a_mesh_of_the_users_turns() -> None:
-    (scene,) = films_of(SIZE, LIGHTS, 5, shapes.material_ball(8), frames=2, height=32)
+    (scene,) = films_of(SIZE, LIGHTS, 5, shapes.sphere(8), frames=2, height=32)
     assert scene.name == "film-mesh" and len(scene.shots) == 2
     first, second = (frame_of(scene, index) for index in (0, 1))
     assert first.coverage.mean() > 0.1 and not np.array_equal(first.uv, second.uv)

@@ -31,7 +31,7 @@ pytestmark = pytest.mark.independent
 
 PLANE = View("plane", "near", scenes.PLANE, scenes.CAMERA, scenes.LIGHTING, (48, 64))
 BALL = View(
-    "ball", "far", shapes.material_ball(12), Camera((1.2, 1.4, 3.6), field_of_view=36), scenes.LIGHTING, (60, 50)
+    "ball", "far", shapes.sphere(32, (6, 3)), Camera((1.2, 0.0, 3.6), field_of_view=36), scenes.LIGHTING, (60, 50)
 )
 # Straight above a plane that fills the view: pixel (row i, column j) sees u = (j + 1/2) / 16, v = (i + 1/2) / 16.
 ABOVE = Camera((0.0, 1.0, 0.0), up=(0.0, 0.0, -1.0), field_of_view=90.0)

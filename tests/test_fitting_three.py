@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mipbake.base.errors import RendererError, UsageError
 from mipbake.comparing.meshes.camera import orbit
-from mipbake.comparing.meshes.shapes import material_ball, plane, sphere
+from mipbake.comparing.meshes.shapes import plane, sphere
 from mipbake.fitting.named import RendererChoice
 from mipbake.fitting.renderer import Levels
 from mipbake.fitting.three import MATERIALS, three_folder
@@ -32,7 +32,7 @@ pytestmark = pytest.mark.independent
 MODULES = Path(__file__).parents[1] / "benchmarks/engines/node_modules"
 LIGHT = directional("above", [[0.3, 1.0, 0.4]], [[3.0, 2.0, 1.0]])
 SLANTED = View("slanted", "middle", plane(4, 4, (2, 2)), orbit(4, 0, 35), LIGHT, (40, 56))
-BALL = View("ball", "middle", material_ball(), orbit(4, 20, 30), LIGHT, (48, 48))
+BALL = View("ball", "middle", sphere(), orbit(4, 20, 30), LIGHT, (48, 48))
 LOOKED_UP = 0.03  # tolerance for levels of detail, whose precision WebGL leaves to its maker
 
 

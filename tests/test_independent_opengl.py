@@ -146,7 +146,7 @@ def drawn(context: Any, mesh: Mesh, camera: Camera, levels: list[np.ndarray], lo
 
 VIEWS = {
     "plane": (scenes.PLANE, scenes.CAMERA),
-    "ball": (shapes.material_ball(12), Camera((1.2, 1.4, 3.6), field_of_view=36)),
+    "ball": (shapes.sphere(32, (6, 3)), Camera((1.2, 0.0, 3.6), field_of_view=36)),
 }
 
 

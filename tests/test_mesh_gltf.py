@@ -130,7 +130,7 @@ def test_nodes_move_turn_and_mirror_with_right_frames(scale: tuple[float, float,
     quaternion = [*(np.sin(a / 2) * b / np.linalg.norm(b)), np.cos(a / 2)]
     inner = np.array([[0, -1, 0, 3], [1, 0, 0, 0], [0, 0, 1, 1], [0, 0, 0, 1.0]])
     made = Gltf()
-    ball = shapes.material_ball(3)
+    ball = shapes.sphere(3)
     attributes = attributes_of(ball)
     made.primitive(attributes, ball.triangles.astype(np.uint32).ravel())
     made.json["nodes"] = [

@@ -1,14 +1,11 @@
-"""Meshes made from formulas: a plane, a sphere and a material ball."""
+"""Meshes made from formulas: a plane and a sphere."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.comparing.meshes.mesh import Mesh, joined
-from mipbake.comparing.meshes.tangents import with_tangents
-
-Array = NDArray[np.float64]
+from mipbake.comparing.meshes.mesh import Mesh
 
 
 def plane(width: float = 2.0, length: float = 2.0, repeat: tuple[float, float] = (1.0, 1.0)) -> Mesh:
@@ -48,75 +45,6 @@ def sphere(rows: int = 64, repeat: tuple[float, float] = (2.0, 1.0)) -> Mesh:
     normals = n.reshape(-1, 3)
     uv = np.stack([u, v], -1).reshape(-1, 2) * repeat
     return Mesh("sphere", normals, normals, uv, t.reshape(-1, 4), triangles[kept])
-
-
-def material_ball(cells: int = 40, repeat: float = 1.0) -> Mesh:
-    """A ball of radius 1 around the origin with a recessed ring, on a base: what material libraries show.
-
-    The ball is a cube's six faces blown up, each with the whole texture, `repeat` times along u and v: there is no pole
-    where texels crowd. The base is a low drum whose side carries the texture six times around, and whose top carries
-    it at the same size. `cells` quads a side of each face.
-    """
-    return joined("material ball", [*(_ball_face(axis, cells, repeat) for axis in range(6)), *_base(cells, repeat)])
-
-
-_RING_HEIGHT, _RING_WIDTH, _RING_DEPTH, _RING_EDGE = 0.36, 0.10, 0.07, 0.035  # in units of the ball's radius, radians
-_BASE_RADIUS, _BASE_TOP, _BASE_BOTTOM = 0.82, -0.86, -1.12
-
-
-def _ball_radius(direction: Array) -> Array:
-    """Distance of the surface from the centre along (..., 3) unit vectors."""
-    latitude = np.arcsin(np.clip(direction[..., 1], -1, 1))
-    inside = (_RING_WIDTH - np.abs(latitude - _RING_HEIGHT)) / _RING_EDGE
-    step = np.clip(inside, 0, 1)
-    return np.asarray(1 - _RING_DEPTH * step * step * (3 - 2 * step))
-
-
-def _ball_face(face: int, cells: int, repeat: float) -> Mesh:
-    """One face of the blown-up cube: +x, -x, +y, -y, +z, -z. Cells of equal angles."""
-    axes = np.array(  # right, up (towards smaller v) and outwards
-        [
-            [[0, 0, -1], [0, 1, 0], [1, 0, 0]],
-            [[0, 0, 1], [0, 1, 0], [-1, 0, 0]],
-            [[1, 0, 0], [0, 0, -1], [0, 1, 0]],
-            [[1, 0, 0], [0, 0, 1], [0, -1, 0]],
-            [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
-            [[-1, 0, 0], [0, 1, 0], [0, 0, -1]],
-        ],
-        np.float64,
-    )[face]
-    v, u = np.meshgrid(np.arange(cells + 1) / cells, np.arange(cells + 1) / cells, indexing="ij")
-
-    def surface(u: Array, v: Array) -> Array:
-        local = np.stack([np.tan((u - 0.5) * np.pi / 2), np.tan((0.5 - v) * np.pi / 2), np.ones_like(u)], -1)
-        direction = local @ axes
-        direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
-        return np.asarray(direction * _ball_radius(direction)[..., None])
-
-    h = 1e-4
-    du, dv = surface(u + h, v) - surface(u - h, v), surface(u, v + h) - surface(u, v - h)
-    normals = np.cross(dv, du)
-    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
-    uv = np.stack([u, v], -1).reshape(-1, 2) * repeat
-    return with_tangents("ball", surface(u, v).reshape(-1, 3), normals.reshape(-1, 3), uv, _grid(cells, cells))
-
-
-def _base(cells: int, repeat: float) -> list[Mesh]:
-    """The drum's side, and its top as far as the ball leaves it to be seen; the underside is open."""
-    around = 4 * cells
-    angle = 2 * np.pi * np.arange(around + 1) / around
-    ring = np.stack([np.sin(angle), 0 * angle, np.cos(angle)], -1)
-    height = _BASE_TOP - _BASE_BOTTOM
-    side = np.stack([ring * _BASE_RADIUS + [0, y, 0] for y in (_BASE_TOP, _BASE_BOTTOM)])
-    turns = 6 * repeat
-    v = turns * height / (2 * np.pi * _BASE_RADIUS)
-    side_uv = np.stack([np.stack([turns * angle / (2 * np.pi), 0 * angle + y], -1) for y in (0, v)])
-    grid = _grid(1, around)
-    drum = with_tangents("side", side.reshape(-1, 3), np.concatenate([ring, ring]), side_uv.reshape(-1, 2), grid)
-    inner = np.sqrt(1 - _BASE_TOP**2) * 0.98
-    top = np.stack([ring * r + [0, _BASE_TOP, 0] for r in (inner, _BASE_RADIUS)]).reshape(-1, 3)
-    top_uv = top[:, [0, 2]] * turns / (2 * np.pi * _BASE_RADIUS)
-    return [drum, with_tangents("top", top, np.tile([0.0, 1.0, 0.0], (len(top), 1)), top_uv, grid)]
 
 
 def _grid(rows: int, columns: int) -> NDArray[np.int32]:
