@@ -19,7 +19,7 @@ from mipbake.comparing.meshes import shapes
 from mipbake.comparing.meshes.mesh import Mesh
 from mipbake.comparing.pictures import SHIFT, RenderedView, RenderSettings, render_view
 from mipbake.comparing.plots import Turning, apparent_brdf, temporal_slice
-from mipbake.comparing.scenes import EXPOSURE, View, median_lod, mesh_views, shifted, standard_views
+from mipbake.comparing.scenes import EXPOSURE, View, median_lod, mesh_views, standard_views
 from mipbake.material.aim import ANISOTROPIC, TRILINEAR
 from mipbake.material.filtered_source import FilteredSource
 from mipbake.material.pixel_filter import level_sizes
@@ -135,7 +135,7 @@ def test_a_mesh_is_fitted_and_keeps_its_texture_coordinates() -> None:
 def test_a_shifted_camera_shows_what_an_offset_does() -> None:
     view, levels = views()["sphere-1-1"], constant()[1][0].levels
     rest = (LIGHTS, [np.random.default_rng(0).random(each.shape, np.float32) for each in levels], "gltf", WRAP)
-    moved = candidate(view.mesh, shifted(view.camera, SHIFT), *rest, view.resolution)
+    moved = candidate(view.mesh, dataclasses.replace(view.camera, shift=SHIFT), *rest, view.resolution)
     expected = candidate(view.mesh, view.camera, *rest, view.resolution, offset=SHIFT)
     assert (moved.image == expected.image).all()
     assert np.abs(moved.image - candidate(view.mesh, view.camera, *rest, view.resolution).image).max() > 0.01

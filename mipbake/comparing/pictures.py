@@ -21,7 +21,7 @@ from mipbake.comparing.meshes import mesh_render
 from mipbake.comparing.meshes.mesh_render import Frame, Passes, Reference
 from mipbake.comparing.meshes.visible import Shot
 from mipbake.comparing.result import Image, Plot, Rendered, Scene
-from mipbake.comparing.scenes import View, shifted
+from mipbake.comparing.scenes import View
 from mipbake.material.aim import DEFAULT_SAMPLER
 from mipbake.material.filtered_source import FilteredSource
 from mipbake.quality.figures import Candidate, Figure
@@ -113,7 +113,8 @@ def render_view(
     still = still._replace(frames={name: still.frames[name] for name in measured})
     moved = None
     if moving:
-        shot, again = replace(view, camera=shifted(view.camera, SHIFT)), [c for c in candidates if c.name in measured]
+        shot = replace(view, camera=replace(view.camera, shift=SHIFT))
+        again = [each for each in candidates if each.name in measured]
         moved = _render(shot, source, again, settings, 1, lambda share: progress(part * (1 + share)))
     covered, reference = next(iter(still.frames.values())), still.reference
     scene = Scene(

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from mipbake import raster
 from mipbake.base.errors import InputError, UsageError
@@ -63,27 +62,6 @@ class View(Shot):
                 f"view {self.name} is {self.resolution[1]} x {self.resolution[0]} pixels: expected at least "
                 f"{SMALLEST} along each side, because the window of SSIM takes 11"
             )
-
-
-@dataclass(frozen=True)
-class ShiftedCamera(Camera):
-    """A camera whose picture shows what lies `shift` pixels to the right of, and above, what the camera would show.
-
-    The eye stays where it is and looks the same way: a lens shift, exact in every pixel.
-    """
-
-    shift: tuple[float, float] = (0.0, 0.0)
-
-    def to_clip(
-        self, points: ArrayLike, resolution: tuple[int, int], offset: tuple[float, float] = (0.0, 0.0)
-    ) -> NDArray[np.float64]:
-        return super().to_clip(points, resolution, (offset[0] + self.shift[0], offset[1] + self.shift[1]))
-
-
-def shifted(camera: Camera, shift: tuple[float, float]) -> Camera:
-    """The camera with its picture moved by `shift` pixels, columns to the right and rows upwards."""
-    c = camera
-    return ShiftedCamera(c.position, c.looks_at, c.up, c.field_of_view, c.near, c.far, shift)
 
 
 def exposed(lighting: Lighting) -> Lighting:

@@ -26,6 +26,8 @@ class Camera:
         up: the direction that shows upwards in the image, not along the view.
         field_of_view: vertical, between the centres of the lower and upper image edges, in degrees, 0 to 180 exclusive.
         near, far: distances along the view of what is seen, 0 < near < far.
+        shift: pixels to the right and upwards by which the picture is moved, while the eye stays and looks the same
+            way: a lens shift, exact in every pixel.
 
     Raises:
         UsageError: values that make no camera.
@@ -37,6 +39,7 @@ class Camera:
     field_of_view: float = 40.0
     near: float = 0.05
     far: float = 200.0
+    shift: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         numbers = (*self.position, *self.looks_at, *self.up, self.field_of_view, self.near, self.far)
@@ -90,7 +93,7 @@ class Camera:
         points = np.asarray(points, np.float64)
         matrix = self.projection_matrix(width / height) @ self.view_matrix()
         clip = points @ matrix[:, :3].T + matrix[:, 3]
-        clip[:, :2] -= clip[:, 3:] * (2 * np.asarray(offset) / [width, height])
+        clip[:, :2] -= clip[:, 3:] * (2 * np.add(offset, self.shift) / [width, height])
         return np.asarray(clip)
 
 
