@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
@@ -15,6 +15,7 @@ from mipbake.baking.search.long_run import BEST
 from mipbake.base.device import PROCESSOR
 from mipbake.base.names import known_name
 from mipbake.base.options import one_of, option
+from mipbake.base.timings import PhaseProgress
 from mipbake.base.version import __version__
 from mipbake.material import GLTF_MODELS, MODELS
 from mipbake.material.aim import DEFAULT_AIM, DEFAULT_SAMPLER, MOST_BIAS, SAMPLERS, Sampler, sampler_of
@@ -40,9 +41,6 @@ TARGETS = (AUTO_TARGET, *MODELS)
 
 STOPPED = "the search was stopped before it was done"
 """What the provenance of a stack says then."""
-
-PhaseProgress = Callable[[str, float], None]
-"""Takes the name of the phase and its finished share, from 0 to 1."""
 
 
 class _Prefiltering:

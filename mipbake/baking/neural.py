@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.baking.prefilter import PrefilterResult, Progress
+from mipbake.baking.prefilter import PrefilterResult
 from mipbake.base.device import PROCESSOR, checked_device
 from mipbake.base.errors import UsageError
+from mipbake.base.timings import Progress
 from mipbake.material.aim import DEFAULT_SAMPLER, Sampler
 from mipbake.material.pixel_filter import Wrap
 

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake.base.timings import Progress
 from mipbake.material.aim import Sampler
 from mipbake.material.pixel_filter import Wrap
 from mipbake.stack.measured import Measured
-
-Progress = Callable[[float], None]
-"""Takes the finished share of the work, from 0 to 1."""
 
 
 @runtime_checkable

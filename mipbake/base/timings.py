@@ -6,6 +6,12 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+Progress = Callable[[float], None]
+"""Takes the finished share of the work, from 0 to 1."""
+
+PhaseProgress = Callable[[str, float], None]
+"""Takes the name of the phase and its finished share, from 0 to 1."""
+
 
 @dataclass
 class Timings:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from mipbake.base.device import checked_device
 from mipbake.base.errors import OutputError, UsageError
 from mipbake.base.names import known_name
 from mipbake.base.publish import reason, temporary_folder
+from mipbake.base.timings import PhaseProgress
 from mipbake.material import model_named
 from mipbake.material.aim import checked_aim
 from mipbake.material.pixel_filter import FILTERS, level_sizes
@@ -95,7 +96,7 @@ def bake_all(
     texture_set: TextureSet,
     recipe: Recipe,
     names: Sequence[str],
-    progress: Callable[[str, float], None] = lambda _phase, _share: None,
+    progress: PhaseProgress = lambda _phase, _share: None,
     memory_limit: int = MEMORY_LIMIT,
     folder: Path | None = None,
 ) -> Iterator[list[Candidate]]:

@@ -17,7 +17,7 @@ from mipbake.baking.bake import Recipe
 from mipbake.baking.neural import Neural
 from mipbake.base.errors import UsageError
 from mipbake.base.extras import check_extra
-from mipbake.base.timings import Timings
+from mipbake.base.timings import PhaseProgress, Timings
 from mipbake.comparing import plots
 from mipbake.comparing.candidates import bake_all, check_options, chosen, default_names, mismatch
 from mipbake.comparing.cautions import limits, made_for_others, not_converged
@@ -133,7 +133,7 @@ def compare(
     stack: MipStack | PathLike | None = None,
     path: Path | None = None,
     conditions: Sequence[Condition] = (),
-    progress: Callable[[str, float], None] = lambda _phase, _share: None,
+    progress: PhaseProgress = lambda _phase, _share: None,
     begun: Callable[[Comparison], None] = lambda _unmeasured: None,
     **overrides: Any,
 ) -> Comparison:
@@ -227,7 +227,7 @@ def preview(
     texture_set: TextureSet,
     method: str = Neural.name,
     recipe: Recipe | None = None,
-    progress: Callable[[str, float], None] = lambda _phase, _share: None,
+    progress: PhaseProgress = lambda _phase, _share: None,
 ) -> Comparison:
     """The stacks of a method and of plain MIP maps, of which nothing is measured: for the view of a page alone.
 

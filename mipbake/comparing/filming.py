@@ -10,13 +10,14 @@ look at whole pictures see the reference itself outside of it, even in the candi
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.base.errors import UsageError
+from mipbake.base.timings import Progress
 from mipbake.comparing.films import FRAMES_PER_SECOND, Film
 from mipbake.comparing.meshes.mesh_render import film_candidate
 from mipbake.comparing.meshes.supersampling import Supersampling
@@ -114,7 +115,7 @@ def film(
     source: FilteredSource,
     candidates: Sequence[Candidate],
     settings: RenderSettings,
-    progress: Callable[[float], None] = lambda _share: None,
+    progress: Progress = lambda _share: None,
     named: Collection[str] | None = None,
 ) -> tuple[Filmed, tuple[Figure, ...]]:
     """Films a scene with every candidate, and measures those that `looked_at` says.
@@ -123,7 +124,6 @@ def film(
         source: what the reference filters.
         candidates: of any model, their levels starting at the source's size; different names.
         settings: as of pictures; films take no more than MOST_PASSES.
-        progress: called with the finished share.
         named: methods that are measured in any case.
 
     Returns:
@@ -144,7 +144,7 @@ def taken(
     source: FilteredSource,
     candidates: Sequence[Candidate],
     settings: RenderSettings,
-    progress: Callable[[float], None] = lambda _share: None,
+    progress: Progress = lambda _share: None,
     named: Collection[str] | None = None,
 ) -> Take:
     """Films a scene with the candidates that `looked_at` says, and its reference once for all; arguments as `film`.

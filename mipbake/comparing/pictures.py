@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mipbake.base.timings import Progress
 from mipbake.comparing.meshes import mesh_render
 from mipbake.comparing.meshes.mesh_render import Frame, Passes, Reference
 from mipbake.comparing.meshes.visible import Shot
@@ -85,7 +86,7 @@ def render_view(
     source: FilteredSource,
     candidates: Sequence[Candidate],
     settings: RenderSettings = RenderSettings(),
-    progress: Callable[[float], None] = lambda _share: None,
+    progress: Progress = lambda _share: None,
     flicker: bool | None = None,
     named: Collection[str] | None = None,
 ) -> RenderedView:
@@ -98,7 +99,6 @@ def render_view(
         source: what the reference filters.
         candidates: of any model, their levels starting at the source's size; different names.
         settings: how the view is rendered.
-        progress: called with the finished share.
         flicker: whether to render the view a second time, half a pixel on; by default at SHIFTED_SCALES.
         named: methods that are measured in any case, as `looked_at` takes them.
 
@@ -175,7 +175,7 @@ def _render(
     candidates: Sequence[Candidate],
     settings: RenderSettings,
     frame: int,
-    progress: Callable[[float], None],
+    progress: Progress,
 ) -> _Renders:
     """A picture, the frame of that number in a motion: the stochastic sampler draws every frame anew."""
     frames = {}

@@ -4,12 +4,13 @@ apparent BRDF (figure 8). The change under a half-pixel shift (figure 6) comes w
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import sampling, shading
+from mipbake.base.timings import Progress
 from mipbake.comparing.meshes.camera import Camera
 from mipbake.comparing.pictures import RenderSettings, brightening
 from mipbake.comparing.result import Image, Plot
@@ -51,7 +52,7 @@ def temporal_slice(
     settings: RenderSettings = RenderSettings(),  # noqa: B008
     size: tuple[int, int] = (192, 256),
     passes: int = SLICE_PASSES,
-    progress: Callable[[float], None] = lambda _share: None,
+    progress: Progress = lambda _share: None,
 ) -> tuple[Plot, tuple[Figure, ...]]:
     """One column of pixels of each frame of a slow rotation, side by side: time runs to the right.
 
@@ -66,7 +67,6 @@ def temporal_slice(
         settings: the seed, and how stacks are looked up.
         size: height of the picture in pixels, and its width, which is the number of frames.
         passes: samples a pixel of the reference, an even number from 4 on.
-        progress: called with the finished share.
 
     Returns:
         The plot, and flicker over its frames: view `rotation`, scale `1:1`.
@@ -147,7 +147,7 @@ class Turning:
         source: FilteredSource,
         passes: int,
         rng: np.random.Generator,
-        progress: Callable[[float], None] = lambda _share: None,
+        progress: Progress = lambda _share: None,
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Two independent halves, (height, frames, 3) each, of `passes` samples a pixel together.
 

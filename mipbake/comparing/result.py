@@ -4,7 +4,7 @@ method is the one to beat."""
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.baking.methods import METHODS
+from mipbake.base.timings import PhaseProgress
 from mipbake.quality.figures import SCALES, Figure, Method
 from mipbake.source.texture_set import TextureSet
 from mipbake.stack.stack import MipStack
@@ -182,9 +183,7 @@ class Comparison:
         """A description in one line."""
         return f"Comparison({self.name!r}, {self.model}: {', '.join(method.name for method in self.methods)})"
 
-    def save(
-        self, path: str | Path, progress: Callable[[str, float], None] = lambda _phase, _share: None
-    ) -> list[Path]:
+    def save(self, path: str | Path, progress: PhaseProgress = lambda _phase, _share: None) -> list[Path]:
         """Writes the report that `mipbake compare` writes into the folder `path`: a page for the browser, index.html,
         and its figures, results.json. An earlier report there is replaced.
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 from mipbake.baking.bake import Recipe
+from mipbake.base.timings import PhaseProgress
 from mipbake.comparing.candidates import bake_all, label, mismatch
 from mipbake.material.aim import DEFAULT_SAMPLER
 from mipbake.quality.texture_space import (
@@ -105,7 +106,7 @@ def validate(
     seed: int = DEFAULT_SEED,
     points: int = DEFAULT_POINTS,
     samples: int = DEFAULT_SAMPLES,
-    progress: Callable[[str, float], None] = lambda _phase, _share: None,
+    progress: PhaseProgress = lambda _phase, _share: None,
     baselines: Sequence[tuple[str, str | None]] = CLOSED_FORMS,
 ) -> Validation:
     """Measures a stack, and the closed forms baked from the same set, against the reference.

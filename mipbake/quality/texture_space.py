@@ -18,6 +18,7 @@ import numpy as np
 
 from mipbake.base.errors import UsageError
 from mipbake.base.threads import on_threads
+from mipbake.base.timings import PhaseProgress
 from mipbake.material.aim import DEFAULT_SAMPLER, Sampler
 from mipbake.material.filtered_source import FilteredSource
 from mipbake.material.pixel_filter import level_sizes
@@ -45,9 +46,6 @@ _POINTS_A_PIXEL = 4  # points for flicker that a set of few pixels needs at a le
 # Times the samples are spent on flicker there: the reference hardly changes, and noise drowns it.
 _FEW_PIXELS_WORK = 8
 _LEAST_CHANGE_POINTS = 1024
-
-PhaseProgress = Callable[[str, float], None]
-"""Takes the name of the phase and its finished share, from 0 to 1."""
 
 Where = str | float
 """A scale, by its name in SCALES, or a level of detail."""

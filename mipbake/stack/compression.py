@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.base.errors import InputError
+from mipbake.base.timings import Progress
 from mipbake.material.aim import DEFAULT_SAMPLER
 from mipbake.quality.figures import Candidate
 from mipbake.quality.metrics import PAIR_SETS
@@ -26,9 +26,6 @@ from mipbake.stack.map_files import GivenBack, MapFile, row_blocks
 from mipbake.stack.output import Output
 from mipbake.stack.stack import MipStack
 from mipbake.stack.written import measure_written, opened
-
-Progress: TypeAlias = Callable[[float], None]
-"""Gets the finished share, from 0 to 1."""
 
 LODS: tuple[float, ...] = (0.0, 1.0, 3.0)
 """Levels of detail that the loss is measured at; the loss is the fall of their mean SNR."""

@@ -6,11 +6,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from mipbake.baking.prefilter import PrefilterResult, Progress
+from mipbake.baking.prefilter import PrefilterResult
 from mipbake.baking.rules.bands import Array, Image, texelwise
 from mipbake.baking.rules.form import Form, Whole
 from mipbake.baking.rules.together import BLURRED, Together
 from mipbake.base import memory
+from mipbake.base.timings import Progress
 from mipbake.material import MODELS, directions
 from mipbake.material.pixel_filter import Wrap, level_sizes
 

@@ -18,12 +18,12 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.baking.prefilter import Progress
 from mipbake.baking.rules import bands
 from mipbake.baking.rules.bands import Array, Image, chunks
 from mipbake.baking.rules.form import Form, Texels, Whole
 from mipbake.base import memory
 from mipbake.base.threads import on_threads
+from mipbake.base.timings import Progress
 from mipbake.material.pixel_filter import (
     PRE_REDUCED,
     Taps,

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mipbake.baking.prefilter import Prefilter, Progress
+from mipbake.baking.prefilter import Prefilter
 from mipbake.baking.rules import RULES
 from mipbake.baking.rules.closed_form import ClosedForm
 from mipbake.baking.rules.form import Form, Whole
@@ -21,6 +21,7 @@ from mipbake.baking.rules.together import Placed, Together
 from mipbake.baking.search import pixel_samples
 from mipbake.baking.search.touched import Touched
 from mipbake.base.threads import side_by_side
+from mipbake.base.timings import Progress
 from mipbake.material import MODELS
 from mipbake.material.directions import facing
 from mipbake.quality.judging.judge import Baseline, Judge

@@ -20,7 +20,7 @@ from contextlib import closing, nullcontext
 import numpy as np
 
 from mipbake.baking.neural import Neural
-from mipbake.baking.prefilter import PrefilterResult, Progress
+from mipbake.baking.prefilter import PrefilterResult
 from mipbake.baking.search.blending import best, blend
 from mipbake.baking.search.checkpoint import Checkpoint
 from mipbake.baking.search.ingredients import Ingredient, closed_forms, ingredient
@@ -31,6 +31,7 @@ from mipbake.base import memory
 from mipbake.base.device import PROCESSOR
 from mipbake.base.errors import UsageError
 from mipbake.base.threads import one_blas_thread
+from mipbake.base.timings import Progress
 from mipbake.material.aim import DEFAULT_AIM, DEFAULT_SAMPLER, Sampler, checked_aim
 from mipbake.material.pixel_filter import Wrap, filter_named
 from mipbake.quality.judging.probes import ProbeEffort

@@ -11,7 +11,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from mipbake.baking.prefilter import Progress, say
+from mipbake.baking.prefilter import say
 from mipbake.baking.search.blending import Blend, between, confirmed
 from mipbake.baking.search.checkpoint import Checkpoint, Windows, start_of
 from mipbake.baking.search.forecast import FEWEST, Forecast
@@ -21,6 +21,7 @@ from mipbake.baking.search.regions import timed_regions, window
 from mipbake.baking.search.texel_descent import Descent, DescentEffort, descend
 from mipbake.base import memory
 from mipbake.base.messages import time_text
+from mipbake.base.timings import Progress
 from mipbake.material import directions
 from mipbake.quality.judging.judge import Baseline, Judge
 from mipbake.quality.judging.pairs import SET_SIZE

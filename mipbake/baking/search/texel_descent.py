@@ -21,7 +21,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.baking.prefilter import Progress
 from mipbake.baking.search import rounds
 from mipbake.baking.search.long_run import Stop, never
 from mipbake.baking.search.pair_weights import PairWeights
@@ -29,6 +28,7 @@ from mipbake.baking.search.picture_samples import PictureChunk, picture_chunks, 
 from mipbake.baking.search.pixel_samples import Chunk, Lobes, common_pairs, estimates, own_pairs
 from mipbake.baking.search.regions import Crop
 from mipbake.base.errors import UsageError
+from mipbake.base.timings import Progress
 from mipbake.quality.judging.judge import Baseline, Judge
 from mipbake.quality.judging.probes import ProbeEffort
 from mipbake.quality.judging.scores import Errors, Scores, snr_text

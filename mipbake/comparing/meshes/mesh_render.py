@@ -5,7 +5,7 @@ Both see the same primitives under the same lights.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.base.errors import UsageError
+from mipbake.base.timings import Progress
 from mipbake.comparing.meshes.supersampling import Supersampling
 from mipbake.comparing.meshes.visible import Points, Shot, lit
 from mipbake.material.aim import DEFAULT_SAMPLER
@@ -163,7 +164,7 @@ def reference(
     seed: int,
     candidates: Sequence[Frame],
     passes: Passes = Passes(),
-    progress: Callable[[float], None] = lambda _share: None,
+    progress: Progress = lambda _share: None,
     cache: Path | None = None,
 ) -> Reference:
     """The supersampled render, `Supersampling` on the screen, where a pixel can cover an outline and several surfaces.
@@ -177,7 +178,6 @@ def reference(
         seed: of the samples, not negative.
         candidates: the renders whose errors this is to resolve, at least one, all of the same view.
         passes: how long it is rendered.
-        progress: called with the finished share.
         cache: folder where passes are kept; None keeps none. Passes found there count, also beyond `passes.most`.
 
     Raises:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import sampling
+from mipbake.base.timings import Progress
 from mipbake.base.version import __version__
 from mipbake.comparing.meshes import cache as caches
 from mipbake.comparing.meshes.visible import Shot, lit
@@ -65,12 +66,11 @@ class Supersampling:
         """Samples a pixel so far, both halves together."""
         return 2 * int(self._state["done"])
 
-    def advance(self, passes: int, progress: Callable[[float], None] = lambda _share: None) -> None:
+    def advance(self, passes: int, progress: Progress = lambda _share: None) -> None:
         """Takes samples until every pixel has so many, and keeps them; does nothing where it has them.
 
         Args:
             passes: an even number.
-            progress: called with the finished share of this call.
         """
         state, steps = self._state, range(self.passes // 2, passes // 2)
         if not steps:
@@ -103,7 +103,7 @@ class Supersampling:
         most: int,
         least_step: float,
         judged: Callable[[], tuple[Found, float]],
-        progress: Callable[[float], None] = lambda _share: None,
+        progress: Progress = lambda _share: None,
     ) -> Found:
         """Takes `least` samples a pixel, and more until there is little noise, or until there are `most`.
 
@@ -112,7 +112,6 @@ class Supersampling:
             least_step: how many times as many samples are taken before noise is looked at again, at least. Steps that
                 are too small would let one of many rough estimates end this that is low by chance.
             judged: makes something of the samples so far, and says how many times as much noise it has as is wanted.
-            progress: called with the finished share.
 
         Returns:
             What was made last.

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from importlib.resources import files
 from string import Template
 
+from mipbake.base.timings import Progress
 from mipbake.comparing.page.charts import curves
 from mipbake.comparing.page.facts import bullets, details
 from mipbake.comparing.page.markup import SPACE, Content, Html, element, folded, joined, note
@@ -30,9 +31,7 @@ _UNMEASURED = (
 )
 
 
-def document(
-    comparison: Comparison, source: FilteredSource | None, begun: bool, progress: Callable[[float], None]
-) -> str:
+def document(comparison: Comparison, source: FilteredSource | None, begun: bool, progress: Progress) -> str:
     """The page's HTML; arguments of `write_report`."""
     done, total = 0, len(comparison.films) + len(comparison.rendered) + len(comparison.plots) + 2
 

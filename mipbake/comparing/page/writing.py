@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ from typing import Any
 from mipbake.base import json_text
 from mipbake.base.errors import OutputError
 from mipbake.base.publish import check_place, published
+from mipbake.base.timings import PhaseProgress
 from mipbake.base.version import __version__
 from mipbake.comparing.page.document import RESULTS, document
 from mipbake.comparing.result import Comparison
@@ -28,7 +29,7 @@ def write_report(
     comparison: Comparison,
     source: FilteredSource | None,
     folder: Path,
-    progress: Callable[[str, float], None] = lambda _phase, _share: None,
+    progress: PhaseProgress = lambda _phase, _share: None,
     begun: bool = False,
 ) -> list[Path]:
     """Writes a report into a folder, which appears under its name when it is complete.
