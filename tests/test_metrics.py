@@ -6,21 +6,10 @@ import numpy as np
 import pytest
 
 from mipbake.base.errors import UsageError
-from mipbake.quality.metrics import (
-    PAIR_SETS,
-    flicker_interval,
-    flicker_ratio,
-    flicker_ratio_from_sums,
-    flicker_snr_db,
-    flicker_sums,
-    mean_interval,
-    pair_set,
-    snr_db,
-    snr_gain_interval,
-    snr_interval,
-    snr_sums,
-)
-from mipbake.quality.metrics.snr import MAX_SNR_DB
+from mipbake.quality.metrics import PAIR_SETS, pair_set
+from mipbake.quality.metrics.flicker import flicker_ratio, flicker_ratio_from_sums, flicker_snr_db, flicker_sums
+from mipbake.quality.metrics.intervals import flicker_interval, mean_interval, snr_gain_interval, snr_interval
+from mipbake.quality.metrics.snr import MAX_SNR_DB, snr_db, snr_sums
 
 
 @pytest.mark.parametrize("name", PAIR_SETS)

@@ -11,22 +11,20 @@ import pytest
 from numpy.typing import NDArray
 
 from mipbake.base.errors import UsageError
-from mipbake.quality.metrics import (
-    MEASURES,
+from mipbake.quality.metrics import MEASURES
+from mipbake.quality.metrics.flip import PIXELS_PER_DEGREE, Exposures, hdr_flip, hdr_flip_exposures, ldr_flip
+from mipbake.quality.metrics.images import (
     NITS_PER_UNIT,
-    PIXELS_PER_DEGREE,
-    Exposures,
     Measured,
     delta_e_itp,
+    displayed,
     false_sparkle,
-    hdr_flip,
-    hdr_flip_exposures,
-    ldr_flip,
     srgb_encode,
     structural_similarity,
+    tonemap_slope,
+    tonemapped,
     tonemapped_error,
 )
-from mipbake.quality.metrics.images import displayed, tonemap_slope, tonemapped
 
 from .flip_of_the_paper import flip_of_the_paper
 

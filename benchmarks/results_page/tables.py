@@ -8,7 +8,8 @@ import numpy as np
 from records.wrapping import table
 
 from mipbake.quality.figures import SCALES
-from mipbake.quality.metrics import MEASURES, PAIR_SETS, mean_interval
+from mipbake.quality.metrics import MEASURES, PAIR_SETS
+from mipbake.quality.metrics.intervals import mean_interval
 from results_page.files import FOUR, LINEAR, OPTIMUM, Results
 
 PLACES = {"near-mirror": "near the mirror", "hemisphere": "over the hemisphere", "sphere": "sphere"}

@@ -15,9 +15,6 @@ from mipbake.quality.metrics.images import ImageArray, checked_display
 DISPLAY = "standard_fhd"
 """The package's display whose light is assumed: 200 cd/m^2 at most, contrast 1000:1, in an office of 250 lux."""
 
-PERFECT_JOD = 10.0
-"""What a film has that differs from its reference in nothing."""
-
 _LEAST_SIDE = 8  # pixels; smaller pictures leave the package's pyramid fewer than two bands
 _RESOLUTION = 1920, 1080  # the package wants one; the pixels per degree are given, so nothing depends on it
 
@@ -46,9 +43,6 @@ def color_video_vdp(
         pixels_per_degree: of visual angle, above 0: 37 is a 24-inch display of 1920 pixels seen from 0.6 m, 75 one of
             3840 pixels, 30 inches, seen from 0.75 m.
         frames_per_second: above 0.
-
-    Raises:
-        UsageError: other shapes or values, or cvvdp is not installed; the sentence says what to type.
     """
     for name, value, example in (
         ("pixels_per_degree", pixels_per_degree, "37"),

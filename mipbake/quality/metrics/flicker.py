@@ -38,9 +38,6 @@ def flicker_ratio(candidate: ImageArray, first: ImageArray, second: ImageArray) 
     Returns:
         The ratio, from 0 up; nan where the reference's change is below a twentieth of its noise, where more samples are
         needed to see it, and where nothing changes at all.
-
-    Raises:
-        UsageError: other shapes, fewer than two frames, or values that are not finite.
     """
     return float(flicker_ratio_from_sums(flicker_sums(candidate, first, second)))
 

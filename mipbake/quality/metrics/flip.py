@@ -55,9 +55,6 @@ def hdr_flip_exposures(reference: ImageArray) -> Exposures:
 
     Args:
         reference: (..., 3) linear radiance from 0 up.
-
-    Raises:
-        UsageError: another shape, values that are negative or not finite, or a reference that is black everywhere.
     """
     values, _ = checked_radiance(reference, reference)
     luminance = np.sort((values @ np.array([0.2126, 0.7152, 0.0722])).reshape(-1))
@@ -83,9 +80,6 @@ def ldr_flip(candidate: ImageArray, reference: ImageArray, pixels_per_degree: fl
     Args:
         candidate, reference: (H, W, 3) sRGB-encoded colours in [0, 1].
         pixels_per_degree: of visual angle, above 0. The more, the finer the detail that the eye averages.
-
-    Raises:
-        UsageError: other shapes or values, no positive pixels_per_degree, or flip-evaluator missing.
     """
     p, r = checked_display(candidate, reference, np.float32)
     return _evaluate(p, r, "LDR", pixels_per_degree, {})
@@ -106,10 +100,6 @@ def hdr_flip(
         candidate, reference: (H, W, 3) linear radiance, from 0 up.
         pixels_per_degree: as for `ldr_flip`.
         exposures: default hdr_flip_exposures(reference).
-
-    Raises:
-        UsageError: other shapes or values, a black reference without exposures, no positive pixels_per_degree, or
-            flip-evaluator missing.
     """
     p, r = checked_radiance(candidate, reference, np.float32)
     chosen = exposures or hdr_flip_exposures(r)

@@ -33,11 +33,7 @@ class Measured:
     per_pixel: NDArray[np.float32]
 
     def mean_over(self, mask: NDArray[np.bool_]) -> float:
-        """Mean of the map where `mask`, a boolean array of the map's shape, is true: a background dilutes the mean.
-
-        Raises:
-            UsageError: another shape or dtype, or a mask that selects nothing.
-        """
+        """Mean of the map where `mask`, a boolean array of the map's shape, is true: a background dilutes the mean."""
         mask = np.asarray(mask)
         if mask.shape != self.per_pixel.shape or mask.dtype != np.bool_:
             raise UsageError(
@@ -94,9 +90,6 @@ def film_exposure(reference: ImageArray, mask: NDArray[np.bool_] | None = None) 
         reference: (..., 3) linear radiance, such as a film (T, H, W, 3).
         mask: boolean, the shape of the reference without its colour axis: which pixels the surface covers, all by
             default. A background would move the median.
-
-    Raises:
-        UsageError: other shapes, values that are not finite, or a reference without any light that counts.
     """
     values = _colours("reference", reference, np.asarray(reference).dtype)
     if mask is not None:
@@ -128,11 +121,8 @@ def check_same_shape(**arrays: NDArray[np.generic]) -> None:
 def checked_radiance(
     candidate: ImageArray, reference: ImageArray, dtype: DTypeLike = np.float64
 ) -> tuple[ImageArray, ImageArray]:
-    """Both images in `dtype`, checked: (..., 3), one shape, linear radiance, finite and not negative.
-
-    Raises:
-        UsageError: otherwise, saying which image, which value and where.
-    """
+    """Both images in `dtype`, (..., 3) of one shape, linear radiance that is finite and not negative; else UsageError,
+    which says which image, which value and where."""
     advice = "expected linear radiance; clip at 0 what a filter's lobes undershot"
     return _checked(candidate, reference, dtype, math.inf, "negative", advice)
 
@@ -140,11 +130,7 @@ def checked_radiance(
 def checked_display(
     candidate: ImageArray, reference: ImageArray, dtype: DTypeLike = np.float64
 ) -> tuple[ImageArray, ImageArray]:
-    """Both images in `dtype`, checked: (..., 3), one shape, sRGB-encoded values in [0, 1].
-
-    Raises:
-        UsageError: otherwise, saying which image, which value and where.
-    """
+    """The same of sRGB-encoded values in [0, 1]."""
     advice = "expected sRGB-encoded colours; encode with srgb_encode"
     return _checked(candidate, reference, dtype, 1, "outside [0, 1]", advice)
 
@@ -196,9 +182,6 @@ def tonemapped_error(candidate: ImageArray, reference: ImageArray) -> Measured:
 
     Returns:
         The mean, and its map: the mean over the three colours at each pixel.
-
-    Raises:
-        UsageError: other shapes, or values that are negative or not finite.
     """
     p, r = checked_radiance(candidate, reference)
     per_pixel = np.abs(displayed(p) - displayed(r)).mean(-1)
@@ -222,9 +205,6 @@ def false_sparkle(candidate: ImageArray, reference: ImageArray) -> Measured:
 
     Returns:
         The mean, and its map: the mean over the three channels at each pixel, of each frame.
-
-    Raises:
-        UsageError: other shapes or values.
     """
     p, r = checked_display(candidate, reference)
     per_pixel = np.maximum(p - r - THRESHOLD, 0).mean(-1)
@@ -244,9 +224,6 @@ def structural_similarity(candidate: ImageArray, reference: ImageArray) -> Measu
 
     Args:
         candidate, reference: (H, W, 3) sRGB-encoded colours in [0, 1], H and W at least 11.
-
-    Raises:
-        UsageError: other shapes or values, or scikit-image missing.
     """
     with extra("compare", "SSIM"):
         from skimage import metrics
@@ -282,10 +259,6 @@ def delta_e_itp(candidate: ImageArray, reference: ImageArray, nits_per_unit: flo
 
     Returns:
         The mean and the map, one Delta E a pixel.
-
-    Raises:
-        UsageError: other shapes, values that are negative or not finite, no positive nits_per_unit, or colour-science
-            missing.
     """
     if not 0 < nits_per_unit < math.inf:
         raise UsageError(f"nits_per_unit is {nits_per_unit}: expected a number above 0, for example {NITS_PER_UNIT:g}")

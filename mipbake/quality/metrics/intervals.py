@@ -51,9 +51,6 @@ def bootstrap(statistic: Statistic, sums: NDArray[np.floating]) -> Interval:
     Args:
         statistic: from sums over pairs, (..., M), to the figures (...).
         sums: (K, M), what each pair adds; K at least 2. A resample weights the rows by how often it drew each.
-
-    Raises:
-        UsageError: other shapes.
     """
     rows = np.asarray(sums, np.float64)
     if rows.ndim != 2 or len(rows) < 2:
@@ -81,9 +78,6 @@ def snr_gain_interval(sums: NDArray[np.floating], baseline: NDArray[np.floating]
     """Interval of SNR - baseline's SNR, in dB, from the (K, 3) rows of snr_sums of both on the same pairs.
 
     Each resample draws the same pairs for both, so what both find hard cancels. An interval that holds 0 shows no gain.
-
-    Raises:
-        UsageError: rows for different numbers of pairs.
     """
     if np.shape(sums) != np.shape(baseline):
         raise UsageError(

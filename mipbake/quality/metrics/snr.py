@@ -24,9 +24,6 @@ def snr_db(candidate: NDArray[np.floating], first: NDArray[np.floating], second:
     the noise of one estimate would put into its square: E[(P - R1)(P - R2)] = (P - R)^2. An error below a hundredth of
     the reference's own noise is not resolved: it is taken as that hundredth, so that chance reports no perfection. The
     result is at most MAX_SNR_DB, and nan where the signal is zero everywhere or a value is nan.
-
-    Raises:
-        UsageError: arrays of different shapes.
     """
     p, r1, r2 = (np.asarray(a, np.float64) for a in (candidate, first, second))
     check_same_shape(first=r1, second=r2, candidate=p)
@@ -40,9 +37,6 @@ def snr_sums(
 
     Rows add up, so that light-view pairs can be resampled (mipbake.quality.metrics.intervals): snr_db of the whole is
     snr_from_sums(snr_sums(...).sum(0)).
-
-    Raises:
-        UsageError: arrays of different shapes.
     """
     p, r1, r2 = (np.asarray(a, np.float64) for a in (candidate, first, second))
     check_same_shape(first=r1, second=r2, candidate=p)
