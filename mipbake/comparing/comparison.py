@@ -178,7 +178,7 @@ def compare(
     methods = [each.method for each in earlier] + [Method(label, *form, model) for label, form in wanted.items()]
     if not methods:
         raise UsageError("no method was named: expected at least one to compare")
-    views, films = _views(texture_set, settings), _films(texture_set, settings)
+    views, films = _scenes(texture_set, settings)
     empty = Comparison(
         name=texture_set.name,
         subject=methods[0].name,
@@ -319,27 +319,21 @@ def _named(empty: Comparison, conditions: Sequence[Condition]) -> set[str]:
     return {each.name for each in empty.methods} - closed
 
 
-def _views(texture_set: TextureSet, settings: Settings) -> tuple[View, ...]:
-    size, square = (texture_set.height, texture_set.width), (settings.side, settings.side)
-    if settings.mesh:
-        return mesh_views(settings.mesh, size, settings.lights, square)
-    last = int(texture_space.last_lod(size))
-    return standard_views(size, settings.lights, last, square, (settings.side, settings.side * 7 // 4))
-
-
-def _films(texture_set: TextureSet, settings: Settings) -> tuple[Film, ...]:
-    if not settings.films:
-        return ()
-    size, height = (texture_set.height, texture_set.width), min(RESOLUTION[0], settings.side)
-    last = int(texture_space.last_lod(size))
-    return films_of(size, settings.lights, last, settings.mesh, settings.motion, height)
+def _scenes(texture_set: TextureSet, settings: Settings) -> tuple[tuple[View, ...], tuple[Film, ...]]:
+    """What is rendered, and what is filmed."""
+    size, side = (texture_set.height, texture_set.width), settings.side
+    lights, mesh, last = settings.lights, settings.mesh, int(texture_space.last_lod(size))
+    square, wide = (side, side), (side, side * 7 // 4)
+    views = mesh_views(mesh, size, lights, square) if mesh else standard_views(size, lights, last, square, wide)
+    height = min(RESOLUTION[0], side)
+    return views, films_of(size, lights, last, mesh, settings.motion, height) if settings.films else ()
 
 
 def _planned(texture_set: TextureSet, empty: Comparison, views: Sequence[View], films: Sequence[Film]) -> Comparison:
     """A comparison with everything that will be measured, all nan: what conditions can be on."""
 
     def unknown(method: Method, measure: str, view: str, scale: str, lod: float = math.nan) -> Figure:
-        return Figure(method.name, measure, view, scale, lod, math.nan, math.nan, math.nan)
+        return Figure(method.name, measure, view, scale, lod, math.nan)
 
     lods = texture_space.curve_lods((texture_set.height, texture_set.width))
     places = [(measure, view, scale) for measure in _IN_TEXTURE_SPACE for view in PAIR_SETS for scale in SCALES]

@@ -52,13 +52,11 @@ class Outcome:
     """What became of a condition.
 
     Args:
-        text: the condition as it was given.
         failed: whether the build fails: the condition holds, or its figure is nan.
         value: the figure, or the difference of two.
         sentence: what to print.
     """
 
-    text: str
     failed: bool
     value: float
     sentence: str
@@ -106,7 +104,7 @@ class Condition:
         failed = math.isnan(value) or _OPERATORS[self.comparison](value, self.number)
         verb = "cannot be decided, which counts as failed" if math.isnan(value) else "holds"
         sentence = f"{self.text!r} {verb if failed else 'does not hold'}: {_described(figure, less, value)}"
-        return Outcome(self.text, failed, value, sentence)
+        return Outcome(failed, value, sentence)
 
     def _with_key(
         self, key: str, value: str, figures: list[Figure], before: Sequence[tuple[str, str]]

@@ -28,7 +28,6 @@ from mipbake.comparing.scenes import median_lod
 from mipbake.material.filtered_source import FilteredSource
 from mipbake.quality.figures import Candidate, Figure
 from mipbake.quality.metrics import (
-    MEASURES,
     PIXELS_PER_DEGREE_OF_FILMS,
     check_color_video_vdp,
     color_video_vdp,
@@ -133,7 +132,7 @@ def film(
     figures: list[Figure] = []
     for index, (name, made) in enumerate(frames.items()):
         for measure, value in film_figures(made, shown).items():
-            figures.append(Figure(name, measure, found.name, "", found.lod, value, math.nan, math.nan))
+            figures.append(Figure(name, measure, found.name, "", found.lod, value))
         progress(0.5 + 0.5 * (index + 1) / len(frames))
     images = {name: _bytes(shown.displayed(made)) for name, made in frames.items()}
     return Filmed(found, _bytes(shown.mean), images), tuple(figures)
@@ -221,11 +220,10 @@ def missing_judge() -> str:
     return ""
 
 
-def film_measures() -> tuple[str, ...]:
+def film_measures(pixels_per_degree: Sequence[int] = JUDGED_AT) -> tuple[str, ...]:
     """Names of the measures that `film_figures` gives here, in the order of MEASURES."""
-    judged = () if missing_judge() else tuple(f"jod-{ppd}" for ppd in JUDGED_AT)
-    names = {"snr", "flip", "sparkle", "flicker", "flicker-snr", *judged}
-    return tuple(name for name in MEASURES if name in names)
+    judged = () if missing_judge() else tuple(f"jod-{ppd}" for ppd in pixels_per_degree)
+    return ("snr", "flip", "sparkle", "flicker", "flicker-snr", *judged)
 
 
 def film_figures(
@@ -241,15 +239,13 @@ def film_figures(
         frames: (T, H, W, 3) linear radiance, T at least 2.
         pixels_per_degree: of visual angle, at which ColorVideoVDP judges where it is installed; empty for no judgement.
     """
-    judged = () if missing_judge() else pixels_per_degree
     inside = shown.interior
     if not inside.any():
-        figures = dict.fromkeys(("snr", "flip", "sparkle", "flicker", "flicker-snr"), math.nan)
-        return figures | {f"jod-{ppd}": math.nan for ppd in judged}
+        return dict.fromkeys(film_measures(pixels_per_degree), math.nan)
     film = shown.shown(frames)
     some = slice(None, None, _FLIP_APART)
     flip = np.stack([ldr_flip(p, r).per_pixel for p, r in zip(film[some], shown.mean[some], strict=True)])
-    both = inside.all(0)
+    both, judged = inside.all(0), () if missing_judge() else pixels_per_degree
     moving = [each[:, both] for each in (film, shown.first, shown.second)]
     return {
         "snr": snr_db(frames[inside], shown.linear[0][inside], shown.linear[1][inside]),

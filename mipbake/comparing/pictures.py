@@ -137,7 +137,7 @@ def render_view(
         if moved is not None:
             values |= _flicker(still, moved, name)
         figures += [
-            Figure(name, measure, view.view, view.scale, scene.lod, values[measure], math.nan, math.nan)
+            Figure(name, measure, view.view, view.scale, scene.lod, values[measure])
             for measure in MEASURES
             if measure in values
         ]

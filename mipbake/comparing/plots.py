@@ -83,7 +83,7 @@ def temporal_slice(
     by_frame = {name: image.swapaxes(0, 1) for name, image in images.items()}
     halves = first.swapaxes(0, 1), second.swapaxes(0, 1)
     figures = tuple(
-        Figure(name, measure, "rotation", "1:1", 0.5, function(p, *halves), math.nan, math.nan)
+        Figure(name, measure, "rotation", "1:1", 0.5, function(p, *halves))
         for name, p in by_frame.items()
         for measure, function in (("flicker", flicker_ratio), ("flicker-snr", flicker_snr_db))
     )

@@ -59,14 +59,12 @@ class TextureSpace:
         curve: the SNR by level of detail; `scale` is empty.
         figures: SNR, tonemapped error, flicker and SNR of the change at every scale. A scale of several levels of
             detail pools their sums.
-        lods: levels of detail of the curve.
         notes: what a reader must know, in sentences.
         sums: method, view and place to the sums of the SNR.
     """
 
     curve: tuple[Figure, ...]
     figures: tuple[Figure, ...]
-    lods: tuple[float, ...]
     notes: tuple[str, ...]
     sums: Mapping[tuple[str, str, Where], Sums]
 
@@ -222,7 +220,6 @@ def measure(
             of_curve("snr", name, view, "", lod, snr[name, view, lod]) for name, view in named for lod in curve
         ),
         figures=figures,
-        lods=curve,
         notes=(*notes, *_unresolved(figures)),
         sums=snr,
     )
@@ -247,7 +244,7 @@ def _figure(measure: str, method: str, view: str, scale: str, lod: float, sums: 
 
 def _bare_snr(measure: str, method: str, view: str, scale: str, lod: float, sums: Sums) -> Figure:
     """An SNR without its interval."""
-    return Figure(method, measure, view, scale, lod, float(snr_from_sums(sums.sum(0))), math.nan, math.nan)
+    return Figure(method, measure, view, scale, lod, float(snr_from_sums(sums.sum(0))))
 
 
 def _unresolved(figures: Sequence[Figure]) -> list[str]:

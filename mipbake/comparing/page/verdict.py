@@ -113,7 +113,7 @@ def effects(comparison: Comparison, method: str) -> dict[Distance, Effect]:
     """How a method looks beside plain MIP maps at each distance that films show, or renders where there is no film."""
     places, by_distance = _judged(comparison) or _in_renders(comparison), dict[Distance, list[Difference]]()
     for place in places:
-        found, figure = _difference(comparison, method, LINEAR, *place), comparison.find(LINEAR, *place)
+        found, figure = difference(comparison, LINEAR, *place, method), comparison.find(LINEAR, *place)
         if found is not None and figure is not None and not math.isnan(figure.lod):
             by_distance.setdefault(distance_of(figure.lod), []).append(found)
     return {distance: _effect(some) for distance, some in by_distance.items()}
@@ -135,15 +135,11 @@ def _better(comparison: Comparison) -> str:
     return ""
 
 
-def difference(comparison: Comparison, rival: str, measure: str, view: str, scale: str) -> Difference | None:
-    """How far the subject is ahead of a method; None where one of them was not measured."""
-    return _difference(comparison, comparison.subject, rival, measure, view, scale)
-
-
-def _difference(
-    comparison: Comparison, method: str, rival: str, measure: str, view: str, scale: str
+def difference(
+    comparison: Comparison, rival: str, measure: str, view: str, scale: str, method: str = ""
 ) -> Difference | None:
-    own, other = (comparison.find(name, measure, view, scale) for name in (method, rival))
+    """How far a method, by default the subject, is ahead of another; None where one of them was not measured."""
+    own, other = (comparison.find(name, measure, view, scale) for name in (method or comparison.subject, rival))
     if own is None or other is None or math.isnan(own.value - other.value):
         return None
     low = high = math.nan

@@ -1,9 +1,9 @@
 """The one door to the package cvvdp, which asks for far more when it is imported than ColorVideoVDP needs.
 
 cvvdp 0.5.7 imports torchvision for one blur, and ffmpeg and huggingface_hub for what mipbake does not call. Builds of
-torchvision fit one build of torch each, so on many machines there is none that can be imported. What cannot be imported
-is stood in for here, and only while the package is imported: afterwards `sys.modules` and `sys.path` are as they were,
-and the package itself is known to nobody but this door.
+torchvision fit one build of torch each, so on many machines there is none that can be imported. All three are stood in
+for here, also where they are installed, so that figures do not hang on it, and only while the package is imported:
+afterwards `sys.modules` and `sys.path` are as they were, and the package itself is known to nobody but this door.
 """
 
 from __future__ import annotations
@@ -81,60 +81,38 @@ def _alone(folder: Path) -> Iterator[None]:
     """Within, the package in `folder` finds its own files and everything that it asks for; after, no trace is left.
 
     It puts its folder on sys.path and imports files of its own under bare names, such as `interp`. Modules of other
-    people under these names are put aside.
+    people under these names, and what is stood in for, are put aside.
     """
-    own = {_NAME, *(path.stem for path in folder.iterdir())}
+    own = {_NAME, *(path.stem for path in folder.iterdir()), *(name.partition(".")[0] for name in _STAND_INS)}
     aside = {name: module for name, module in sys.modules.items() if name.partition(".")[0] in own}
     path = list(sys.path)
     for name in aside:
         del sys.modules[name]
     sys.path.insert(0, str(folder))
-    stood_in: set[str] = set()
     try:
-        for name, modules in _STAND_INS.items():
-            if not _importable(name):
-                made = {each: _module(each) for each in (name, *modules)}
-                for each, attributes in modules.items():
-                    vars(made[each]).update(attributes)
-                    if each != name:
-                        setattr(made[name], each.partition(".")[2], made[each])
-                stood_in.update(made)
-                sys.modules.update(made)
+        for name, attributes in _STAND_INS.items():
+            sys.modules[name] = made = importlib.util.module_from_spec(ModuleSpec(name, None))
+            vars(made).update(attributes)
+            if "." in name:
+                holder, _, attribute = name.rpartition(".")
+                setattr(sys.modules[holder], attribute, made)
         yield
     finally:
         sys.path[:] = path
-        for name in list(sys.modules):
-            if name in stood_in or name.partition(".")[0] in own:
-                del sys.modules[name]
+        for name in [each for each in sys.modules if each.partition(".")[0] in own]:
+            del sys.modules[name]
         sys.modules.update(aside)
-
-
-def _importable(name: str) -> bool:
-    before = set(sys.modules)
-    try:
-        importlib.import_module(name)
-    except Exception:  # a build of torchvision for another torch raises RuntimeError
-        for new in set(sys.modules) - before:
-            if new.partition(".")[0] == name:
-                del sys.modules[new]
-        return False
-    return True
-
-
-def _module(name: str) -> ModuleType:
-    return importlib.util.module_from_spec(ModuleSpec(name, None))
 
 
 def _not_there(*_: object, **__: object) -> NoReturn:
     raise NotImplementedError("mipbake imports cvvdp for ColorVideoVDP alone, without what other metrics of it need")
 
 
-_STAND_INS: Mapping[str, Mapping[str, Mapping[str, object]]] = {
-    "torchvision": {
-        "torchvision.transforms": {"GaussianBlur": GaussianBlur},
-        "torchvision.ops": {"MLP": _not_there},
-    },
+_STAND_INS: Mapping[str, Mapping[str, object]] = {
+    "torchvision": {},
+    "torchvision.transforms": {"GaussianBlur": GaussianBlur},
+    "torchvision.ops": {"MLP": _not_there},
     "ffmpeg": {},
-    "huggingface_hub": {"huggingface_hub": {"hf_hub_download": _not_there}},
+    "huggingface_hub": {"hf_hub_download": _not_there},
 }
-"""What stands in for each package that cannot be imported: its modules, with what is in them."""
+"""Modules that are stood in for, with what is in them."""
