@@ -26,7 +26,7 @@ def measured(
     texture_set: TextureSet, names: list[str], pixel_filter: str = "gaussian", **settings: Any
 ) -> TextureSpace:
     with bake_all(texture_set, Recipe(target="gltf", pixel_filter=pixel_filter), names) as candidates:
-        numbers = "seed", "points", "samples", "changes"
+        numbers = "seed", "points", "samples"
         effort = MeasureEffort(**{name: settings.pop(name) for name in numbers if name in settings})
         return measure(texture_set.filtered(pixel_filter), candidates, effort=effort, **settings)
 

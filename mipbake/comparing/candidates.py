@@ -109,7 +109,6 @@ def bake_all(
         texture_set: the source.
         recipe: what the stacks are for. Each method takes of it what it can.
         names: labels or methods, as in `chosen`.
-        progress: called with "bake" and the finished share.
         memory_limit: in bytes.
         folder: where the temporary files go; None for the system's folder of such.
 

@@ -148,7 +148,6 @@ def compare(
             the recipe's. It stays as it is, whatever sampler it was made for.
         path: the folder that the stack came from, for readers.
         conditions: that will be checked: those that cannot be decided are found before any work.
-        progress: called with phase and share as the work goes on.
         begun: called with the stacks of the subject and of `linear (box)`, before anything is measured.
         overrides: single fields of `Settings`, on top of `settings`: methods, films, side and others.
 
@@ -235,7 +234,6 @@ def preview(
         texture_set: the source.
         method: label or name of a method (`mipbake.comparing.candidates.chosen`).
         recipe: what is baked, except for its method; None for the defaults.
-        progress: called with phase and share as the work goes on.
 
     Raises:
         UsageError: unknown names, or a method that does not have the model or the pixel filter.

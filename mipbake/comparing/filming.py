@@ -120,7 +120,6 @@ def film(
     """Films a scene with every candidate, and measures those that `looked_at` says.
 
     Args:
-        source: what the reference filters.
         candidates: of any model, their levels starting at the source's size; different names.
         settings: as of pictures; films take no more than MOST_PASSES.
         named: methods that are measured in any case.

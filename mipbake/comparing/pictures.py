@@ -96,9 +96,7 @@ def render_view(
     mean, whose standard error the scene tells beside the error of the best candidate.
 
     Args:
-        source: what the reference filters.
         candidates: of any model, their levels starting at the source's size; different names.
-        settings: how the view is rendered.
         flicker: whether to render the view a second time, half a pixel on; by default at SHIFTED_SCALES.
         named: methods that are measured in any case, as `looked_at` takes them.
 

@@ -61,7 +61,6 @@ def temporal_slice(
     them up.
 
     Args:
-        source: what the reference filters.
         candidates: of any model, with different names.
         lighting: taken at the exposure of views.
         settings: the seed, and how stacks are looked up.
@@ -227,7 +226,6 @@ def apparent_brdf(
     f = BRDF times cosine, scaled by one factor for all images; what lies off the disc is black.
 
     Args:
-        source: what the reference filters.
         candidates: of any model, the subject first.
         lod: of the pixel, clamped to the levels of the first candidate.
         size: of the images, in directions a side.

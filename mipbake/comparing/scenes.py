@@ -81,9 +81,6 @@ def standard_views(
     A sphere's texture repeats so often that the median level of detail of the covered pixels is the middle of its
     scale, or `last_level` where that is less. The plane recedes from one texel a pixel at the bottom to the last level
     at the top, short of the horizon. The lighting is that given at EXPOSURE.
-
-    Raises:
-        UsageError: a resolution below SMALLEST.
     """
     lights, views = exposed(lighting), []
     for scale, lods in SCALES.items():
@@ -106,7 +103,6 @@ def mesh_views(
 
     Raises:
         InputError: a mesh without extent, or a mesh that cannot be seen.
-        UsageError: a resolution below SMALLEST.
     """
     low, high = mesh.bounds()
     radius = float(np.linalg.norm(high - low)) / 2

@@ -122,7 +122,6 @@ def validate(
         lods: levels of detail; those beyond the last level are measured at the last level, once.
         seed: fixes points, light-view pairs and samples.
         points: random pixels per lod. samples: reference samples per pixel in each estimate.
-        progress: called with "validate" and the finished share.
         baselines: methods to bake beside the stack, each with its averaging kernel, or None for the stack's filter; for
             the stack's sampler and with its aim, where they take them.
 

@@ -105,7 +105,7 @@ PHASE = "texture space"
 """What `measure` calls its work."""
 
 
-def change_draws(pixels: float, points: int, samples: int) -> tuple[int, int]:
+def _change_draws(pixels: float, points: int, samples: int) -> tuple[int, int]:
     """Points and samples for flicker where the set has so many pixels: half of the samples of the SNR, or more."""
     most = max(1, points // 2)
     count = min(most, max(_LEAST_CHANGE_POINTS, round(_POINTS_A_PIXEL * pixels)))
@@ -121,15 +121,12 @@ class MeasureEffort:
         points: random pixels per level of detail, an equal share for every block of pairs, and at least one; fewer
             carry the tonemapped error and flicker.
         samples: of the reference per pixel, in each of two estimates; beside scales, half of them between scales.
-        changes: the same two numbers for flicker, from the pixels that the set has at a level of detail, `points` and
-            `samples`.
         intervals: whether the SNR of the curve has confidence intervals, which take thousands of draws.
     """
 
     seed: int = DEFAULT_SEED
     points: int = DEFAULT_POINTS
     samples: int = DEFAULT_SAMPLES
-    changes: Callable[[float, int, int], tuple[int, int]] = change_draws
     intervals: bool = True
 
 
@@ -160,7 +157,6 @@ def measure(
             once.
         scales: names in SCALES; none for the curve alone.
         effort: the random numbers, and how many.
-        progress: takes "texture space" and the finished share.
         sampler: that looks the stacks up.
 
     Raises:
@@ -180,7 +176,7 @@ def measure(
     scene, own = whole_scene(source, seed, sampler), a_block(points)
     together = max(1, min(BLOCKS, _TOGETHER // own))
     parts = [slice(first, first + together) for first in range(0, BLOCKS, together)]
-    drawn = {lod: effort.changes(width * height / 4**lod, points, samples) for lod in shifted}
+    drawn = {lod: _change_draws(width * height / 4**lod, points, samples) for lod in shifted}
 
     def measured(item: int) -> list[Found]:
         index, part = divmod(item, len(parts))

@@ -57,11 +57,7 @@ class Mesh:
 def joined(name: str, meshes: list[Mesh]) -> Mesh:
     """One mesh of several, in order."""
     starts = np.cumsum([0, *(len(mesh.positions) for mesh in meshes[:-1])])
-    return Mesh(
-        name,
-        np.concatenate([mesh.positions for mesh in meshes]),
-        np.concatenate([mesh.normals for mesh in meshes]),
-        np.concatenate([mesh.uv for mesh in meshes]),
-        np.concatenate([mesh.tangents for mesh in meshes]),
-        np.concatenate([mesh.triangles + start for mesh, start in zip(meshes, starts, strict=True)]).astype(np.int32),
-    )
+    fields = ("positions", "normals", "uv", "tangents")
+    vertices = (np.concatenate([getattr(mesh, field) for mesh in meshes]) for field in fields)
+    triangles = [mesh.triangles + start for mesh, start in zip(meshes, starts, strict=True)]
+    return Mesh(name, *vertices, np.concatenate(triangles).astype(np.int32))

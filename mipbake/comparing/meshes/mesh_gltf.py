@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mipbake.base.errors import InputError
 from mipbake.comparing.meshes.mesh import Mesh, joined
-from mipbake.comparing.meshes.tangents import any_tangent, corner_normals, with_tangents
+from mipbake.comparing.meshes.tangents import any_tangent, corner_normals, unit, with_tangents
 from mipbake.source.gltf.document import Document, Json, read_document
 
 Array = NDArray[np.float64]
@@ -39,10 +39,7 @@ def read_gltf(path: Path) -> Mesh:
     Normals that the file lacks are flat, as glTF prescribes. TANGENT is taken as it is, w included; tangents that the
     file lacks, or brings without normals, are generated (`mipbake.comparing.meshes.tangents`), and vectors of no length
     replaced. A node that mirrors turns w and the winding. Skins and morph targets are not applied, points and lines
-    passed over; texture coordinates are TEXCOORD_0, without KHR_texture_transform.
-
-    Raises:
-        InputError: see `mipbake.comparing.meshes.mesh_file.read_mesh`.
+    passed over; texture coordinates are TEXCOORD_0, without KHR_texture_transform. Errors are those of `read_mesh`.
     """
     document = read_document(path)
     _check_extensions(document)
@@ -291,4 +288,4 @@ def _placed(mesh: Mesh, matrix: Array) -> Mesh:
 def _unit(vectors: Array) -> Array:
     """Unit vectors as they are, within float32's rounding; others scaled, and 0 where there is no direction."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return np.where(np.abs(length - 1) < 1e-6, vectors, vectors / np.where(length > 0, length, 1))
+    return np.where(np.abs(length - 1) < 1e-6, vectors, unit(vectors))

@@ -48,10 +48,7 @@ def read_obj(path: Path) -> Mesh:
 
     Polygons may be concave. Normals are the file's; corners without one are smoothed over edges up to 60 degrees.
     Tangents are generated (`mipbake.comparing.meshes.tangents`). Materials, lines, points and free-form surfaces are
-    passed over.
-
-    Raises:
-        InputError: see `read_mesh`; the message names the line.
+    passed over. Errors are those of `read_mesh`, and name the line.
     """
     said = _parse(path, disk.read_bytes(path, "a mesh"))
     if not said.corners:

@@ -36,7 +36,7 @@ def with_tangents(name: str, positions: Array, normals: Array, uv: Array, triang
     along = np.where(textured[:, None], (e1 * f2[:, 1:] - e2 * f1[:, 1:]) * side[:, None], 0)
 
     corner_n = normals[triangles]  # (T, 3, 3)
-    tangent = _unit(_in_plane(along[:, None], corner_n)) * _angles(p, corner_n)[..., None]
+    tangent = unit(_in_plane(along[:, None], corner_n)) * _angles(p, corner_n)[..., None]
 
     # What has no area in the texture takes the side of another triangle at one of its places, where there is one.
     first_side = np.zeros(place.max() + 1)
@@ -56,7 +56,7 @@ def with_tangents(name: str, positions: Array, normals: Array, uv: Array, triang
     key_of[corner] = key.reshape(-1)
     n, found = normals[old], sums[key_of]
     found = np.where(np.linalg.norm(found, axis=-1, keepdims=True) > 1e-30, found, any_tangent(n))
-    tangents = np.concatenate([_unit(_in_plane(found, n)), w[:, None]], -1)
+    tangents = np.concatenate([unit(_in_plane(found, n)), w[:, None]], -1)
     return Mesh(name, positions[old], n, uv[old], tangents, corner.reshape(-1, 3).astype(np.int32))
 
 
@@ -67,7 +67,7 @@ def corner_normals(positions: Array, triangles: NDArray[np.int32], crease: float
     its own, weighted by their angles there. So 0 gives flat triangles, and 180 no edge at all.
     """
     p = positions[triangles]
-    face = _unit(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]))
+    face = unit(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]))
     weighted = (face[:, None] * _angles(p, np.zeros_like(p))[..., None]).reshape(-1, 3)
     face = np.repeat(face, 3, 0)
     place = _places(positions)[triangles].reshape(-1)
@@ -81,14 +81,14 @@ def corner_normals(positions: Array, triangles: NDArray[np.int32], crease: float
         other = around[first[one] + np.arange(len(one)) - np.repeat(starts, count[some])]
         counts = (face[one] * face[other]).sum(-1) >= least
         normals[some] = np.add.reduceat(weighted[other] * counts[:, None], starts)
-    normals = _unit(normals)
+    normals = unit(normals)
     return np.where(normals.any(-1, keepdims=True), normals, [0.0, 1.0, 0.0]).reshape(-1, 3, 3)
 
 
 def any_tangent(n: Array) -> Array:
     """(N, 3) unit vectors, each normal to one of the (N, 3) unit vectors, in no direction in particular."""
     axis = np.where(np.abs(n[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
-    return _unit(_in_plane(axis, n))
+    return unit(_in_plane(axis, n))
 
 
 def _places(*arrays: Array) -> NDArray[np.int64]:
@@ -99,8 +99,8 @@ def _places(*arrays: Array) -> NDArray[np.int64]:
 
 def _angles(p: Array, n: Array) -> Array:
     """(T, 3): the angle of each corner, between its edges in the plane of its normal."""
-    ahead = _unit(_in_plane(np.roll(p, -1, 1) - p, n))
-    behind = _unit(_in_plane(np.roll(p, 1, 1) - p, n))
+    ahead = unit(_in_plane(np.roll(p, -1, 1) - p, n))
+    behind = unit(_in_plane(np.roll(p, 1, 1) - p, n))
     return np.asarray(np.arccos(np.clip((ahead * behind).sum(-1), -1, 1)))
 
 
@@ -108,7 +108,7 @@ def _in_plane(v: Array, n: Array) -> Array:
     return np.asarray(v - (v * n).sum(-1, keepdims=True) * n)
 
 
-def _unit(v: Array) -> Array:
+def unit(v: Array) -> Array:
     """v / |v|; 0 where v is 0."""
     length = np.linalg.norm(v, axis=-1, keepdims=True)
     return np.asarray(v / np.where(length > 0, length, 1))

@@ -41,7 +41,6 @@ def write_report(
         comparison: what was found.
         source: what the reference of the interactive view filters; None for a view without one.
         folder: where to. Missing parent folders are made.
-        progress: called with "report" and the finished share, from 0 to 1.
         begun: whether this is a first page, of stacks that are still to be measured.
 
     Returns:

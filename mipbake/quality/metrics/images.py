@@ -56,7 +56,8 @@ def srgb_encode(linear: ImageArray) -> NDArray[np.float64]:
 def displayed(linear: ImageArray) -> NDArray[np.float64]:
     """What a display shows of linear radiance, any shape, float64 in [0, 1): srgb_encode(x / (1 + x)), x at least 0.
 
-    x / (1 + x) is the global operator of Reinhard et al. 2002, equation 3, by channel. Pictures, FLIP and SSIM of
+    x / (1 + x) is the global operator of Reinhard et al. 2002, "Photographic tone reproduction for digital images",
+    equation 3, by channel. Pictures, FLIP and SSIM of
     renders all use this transform. Negative values, which a pixel filter's lobes undershoot to, are black. x / (1 + x)
     has the precision of what is given; the encoding is in float64.
     """
@@ -174,14 +175,10 @@ def _refuse(name: str, image: ImageArray, bad: NDArray[np.bool_], what: str, adv
 def tonemapped_error(candidate: ImageArray, reference: ImageArray) -> Measured:
     """Mean |s(p / (1 + p)) - s(r / (1 + r))| over colours and pixels, s the sRGB encoding: 0 is right, 1 the worst.
 
-    x / (1 + x) is the global operator of Reinhard et al. 2002 ("Photographic tone reproduction for digital images",
-    equation 3), by channel; s is IEC 61966-2-1. The reference's noise counts as error.
+    What a display shows is as `displayed` has it. The reference's noise counts as error.
 
     Args:
         candidate, reference: (..., 3) linear radiance, one shape, from 0 up.
-
-    Returns:
-        The mean, and its map: the mean over the three colours at each pixel.
     """
     p, r = checked_radiance(candidate, reference)
     per_pixel = np.abs(displayed(p) - displayed(r)).mean(-1)
@@ -202,9 +199,6 @@ def false_sparkle(candidate: ImageArray, reference: ImageArray) -> Measured:
 
     Args:
         candidate, reference: (..., 3) sRGB-encoded colours in [0, 1], one shape: pictures or whole films.
-
-    Returns:
-        The mean, and its map: the mean over the three channels at each pixel, of each frame.
     """
     p, r = checked_display(candidate, reference)
     per_pixel = np.maximum(p - r - THRESHOLD, 0).mean(-1)
@@ -256,9 +250,6 @@ def delta_e_itp(candidate: ImageArray, reference: ImageArray, nits_per_unit: flo
     Args:
         candidate, reference: (..., 3) linear Rec.709 radiance, one shape, from 0 up.
         nits_per_unit: cd/m^2 of radiance 1, above 0; an exposure belongs in here.
-
-    Returns:
-        The mean and the map, one Delta E a pixel.
     """
     if not 0 < nits_per_unit < math.inf:
         raise UsageError(f"nits_per_unit is {nits_per_unit}: expected a number above 0, for example {NITS_PER_UNIT:g}")

@@ -24,9 +24,6 @@ from mipbake.base.errors import UsageError
 from mipbake.quality.metrics.flicker import flicker_ratio_from_sums
 from mipbake.quality.metrics.snr import snr_from_sums
 
-CONFIDENCE = 0.95
-"""Share of intervals that hold the true figure."""
-
 _RESAMPLES, _SEED = 2000, 0
 
 Statistic = Callable[[NDArray[np.float64]], NDArray[np.float64]]
@@ -56,8 +53,7 @@ def bootstrap(statistic: Statistic, sums: NDArray[np.floating]) -> Interval:
     if rows.ndim != 2 or len(rows) < 2:
         raise UsageError(f"sums have shape {rows.shape}: expected (pairs, sums), at least two pairs to resample")
     figures = statistic(_draws(len(rows)) @ rows)
-    tail = 50 * (1 - CONFIDENCE)
-    low, high = np.percentile(figures, [tail, 100 - tail]) if np.isfinite(figures).all() else (math.nan, math.nan)
+    low, high = np.percentile(figures, [2.5, 97.5]) if np.isfinite(figures).all() else (math.nan, math.nan)
     return Interval(float(statistic(rows.sum(0))), float(low), float(high))
 
 
