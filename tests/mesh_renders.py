@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mipbake.comparing.meshes import mesh_render
 from mipbake.comparing.meshes.camera import Camera
 from mipbake.comparing.meshes.mesh import Mesh
-from mipbake.comparing.meshes.mesh_render import Frame, Passes, Reference, Shot
+from mipbake.comparing.meshes.mesh_render import Frame, Reference, Shot
 from mipbake.material.filtered_source import FilteredSource
 from mipbake.material.pixel_filter import Wrap
 from mipbake.quality.environment import Lighting
@@ -43,11 +43,9 @@ def reference(
     pixel_filter: str,
     seed: int,
     candidates: Sequence[Frame],
-    resolved_share: float = 0.1,
     min_passes: int = 32,
     max_passes: int = 4096,
     **more: Any,
 ) -> Reference:
     shot, source = Shot(mesh, camera, lighting, resolution), FilteredSource(stored, model, wrap, pixel_filter)
-    passes = Passes(resolved_share, min_passes, max_passes)
-    return mesh_render.reference(shot, source, seed, candidates, passes, **more)
+    return mesh_render.reference(shot, source, seed, candidates, least=min_passes, most=max_passes, **more)

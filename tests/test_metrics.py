@@ -167,13 +167,6 @@ def test_a_figure_that_some_resamples_lack_has_no_bounds() -> None:
     assert interval.estimate == 0.5 and np.isnan(interval.low) and np.isnan(interval.high)
 
 
-def test_what_cannot_be_resampled() -> None:
-    with pytest.raises(UsageError, match="at least two pairs"):
-        snr_interval(np.ones((1, 3)))
-    with pytest.raises(UsageError, match="the same light-view pairs"):
-        snr_gain_interval(np.ones((5, 3)), np.ones((6, 3)))
-
-
 def test_snr_of_a_known_error() -> None:
     reference = np.ones((4, 5, 3), np.float32)
     assert snr_db(reference * 1.1, reference, reference) == pytest.approx(20, abs=1e-4)

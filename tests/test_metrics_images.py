@@ -121,13 +121,9 @@ def test_a_black_background_moves_no_exposure() -> None:
 
 
 def test_what_makes_no_sense_is_said() -> None:
-    for wrong in ((1, 0, 3), (0, 1, 1), (0, np.inf, 2), (np.nan, 1, 2)):
-        with pytest.raises(UsageError, match="expected finite stops"):
-            Exposures(*wrong)
-    for measure in (ldr_flip, hdr_flip):
-        for wrong in (0, -1, np.nan, np.inf):
-            with pytest.raises(UsageError, match="pixels_per_degree"):
-                measure(picture(), picture(), pixels_per_degree=wrong)
+    for wrong in (0, -1, np.nan, np.inf):
+        with pytest.raises(UsageError, match="pixels_per_degree"):
+            ldr_flip(picture(), picture(), pixels_per_degree=wrong)
     for measure in (hdr_flip, ldr_flip, structural_similarity):
         with pytest.raises(UsageError, match=r"expected \(H, W, 3\)"):
             measure(picture().reshape(-1, 3), picture().reshape(-1, 3))
@@ -162,15 +158,13 @@ def pq(nits: float) -> float:
 
 @pytest.mark.parametrize(("first", "second", "scale"), [(1.0, 1.02, 203.0), (1.0, 1.02, 1000.0), (0.01, 0.5, 80.0)])
 def test_delta_e_itp_of_greys_is_that_of_pq(first: float, second: float, scale: float) -> None:
-    measured = delta_e_itp(flat(*[first] * 3), flat(*[second] * 3), nits_per_unit=scale)
+    measured = delta_e_itp(*(flat(*[grey * scale / NITS_PER_UNIT] * 3) for grey in (first, second)))
     assert measured.mean == pytest.approx(720 * (pq(second * scale) - pq(first * scale)), rel=1e-3)
     assert measured.per_pixel.shape == (16, 20)
 
 
 def test_delta_e_itp_ends_where_pq_ends() -> None:
     assert delta_e_itp(flat(50, 50, 50), flat(5e6, 5e6, 5e6)).mean == pytest.approx(0, abs=1e-2)
-    with pytest.raises(UsageError, match="nits_per_unit"):
-        delta_e_itp(picture(), picture(), nits_per_unit=0)
 
 
 def test_ssim_is_scikit_images() -> None:
@@ -193,11 +187,6 @@ def test_a_mask_keeps_the_background_out_of_the_mean() -> None:
     mask = np.zeros((2, 3), bool)
     mask[0, :2] = True
     assert measured.mean_over(mask) == pytest.approx(3 * measured.mean, rel=1e-6)
-    for wrong in (mask[:1], mask.astype(np.uint8)):
-        with pytest.raises(UsageError, match="expected bool of the map's shape"):
-            measured.mean_over(wrong)
-    with pytest.raises(UsageError, match="selects no pixel"):
-        measured.mean_over(~np.ones((2, 3), bool))
 
 
 @pytest.mark.parametrize("measure", [*LINEAR, *DISPLAY])

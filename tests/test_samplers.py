@@ -154,8 +154,6 @@ def test_renders_have_one_sampler_more() -> None:
     assert render_sampler("anisotropic", -1.0) == Sampler(16, -1.0)
     with pytest.raises(UsageError, match="takes no MIP bias"):
         render_sampler("stochastic", -1.0)
-    with pytest.raises(UsageError, match="expected rng"):
-        look_up(levels(), *footprints(1), WRAP, "stochastic")
 
 
 def test_frames_show_points_of_a_pixel_evenly() -> None:

@@ -66,7 +66,6 @@ def test_a_fragment_is_self_contained_and_escapes_what_it_is_given() -> None:
 def test_what_does_not_fit_is_said_in_a_sentence() -> None:
     stacks = {"a": stack_of(material("gltf", 4, 4), "gltf")}
     for arguments, sentence in (
-        (({},), "no stack"),
         ((stacks, FilteredSource(np.zeros((4, 4, 8), np.float32), "phong", ("wrap", "wrap"), "box")), "model 'phong'"),
         ((stacks, FilteredSource(np.zeros((4, 4, 8), np.float32), "gltf", ("wrap", "wrap"), "sinc")), "filter 'sinc'"),
     ):

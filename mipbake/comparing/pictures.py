@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from mipbake.base.timings import Progress
 from mipbake.comparing.meshes import mesh_render
-from mipbake.comparing.meshes.mesh_render import Frame, Passes, Reference
+from mipbake.comparing.meshes.mesh_render import Frame, Reference
 from mipbake.comparing.meshes.visible import Shot
 from mipbake.comparing.result import Image, Plot, Rendered, Scene
 from mipbake.comparing.scenes import View
@@ -182,11 +182,11 @@ def _render(
         frames[each.name] = mesh_render.candidate(
             shot, each.levels, each.method.model, source.wrap, settings.sampler, rng=rng
         )
-    passes = Passes(RESOLVED_SHARE, most=settings.max_passes)
-    images = list(frames.values())
-    return _Renders(
-        frames, mesh_render.reference(shot, source, settings.seed, images, passes, progress, settings.cache)
-    )
+    reference = mesh_render.reference(
+        shot, source, settings.seed, list(frames.values()), RESOLVED_SHARE,
+        most=settings.max_passes, progress=progress, cache=settings.cache,
+    )  # fmt: skip
+    return _Renders(frames, reference)
 
 
 class _Measures:

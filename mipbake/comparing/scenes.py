@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from mipbake import raster
-from mipbake.base.errors import InputError, UsageError
+from mipbake.base.errors import InputError
 from mipbake.comparing.meshes import shapes
 from mipbake.comparing.meshes.camera import Camera, orbit
 from mipbake.comparing.meshes.mesh import Mesh
@@ -46,22 +46,12 @@ class View(Shot):
         title: what a reader is shown.
         view: kind of the view: `sphere`, `plane` or `mesh`.
         scale: a name in SCALES; empty for a view of all scales.
-
-    Raises:
-        UsageError: a resolution too small to compare images at.
     """
 
     name: str
     title: str
     view: str
     scale: str
-
-    def __post_init__(self) -> None:
-        if min(self.resolution) < SMALLEST:
-            raise UsageError(
-                f"view {self.name} is {self.resolution[1]} x {self.resolution[0]} pixels: expected at least "
-                f"{SMALLEST} along each side, because the window of SSIM takes 11"
-            )
 
 
 def exposed(lighting: Lighting) -> Lighting:

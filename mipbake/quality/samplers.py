@@ -122,13 +122,9 @@ def look_up(
         levels: (H_L, W_L, C) float32 stored channels, finest first.
         uv: (P, 2) texture coordinates. uv_da: (P, 4) du/dX, du/dY, dv/dX, dv/dY per pixel.
         rng: draws the texels of `stochastic`, the only sampler that draws.
-
-    Raises:
-        UsageError: `stochastic` without `rng`.
     """
     if sampler == STOCHASTIC:
-        if rng is None:
-            raise UsageError("the stochastic sampler has nothing to draw with: expected rng")
+        assert rng is not None
         return _one_texel(levels, uv, uv_da, wrap, rng)
     finest, *coarser = (np.asarray(level, np.float32)[None] for level in levels)
     if 1 < sampler.lookups < LOOKUPS[-1]:

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.base.errors import UsageError
 from mipbake.base.timings import Progress
 from mipbake.comparing.meshes.supersampling import Supersampling
 from mipbake.comparing.meshes.visible import Points, Shot, lit
@@ -22,34 +21,11 @@ from mipbake.material.filtered_source import FilteredSource
 from mipbake.material.pixel_filter import Wrap
 from mipbake.quality.samplers import RenderSampler, level_of_detail, look_up, over_frames
 
-__all__ = ["Frame", "Passes", "Reference", "Shot", "candidate", "film_candidate", "reference"]
+__all__ = ["Frame", "Reference", "Shot", "candidate", "film_candidate", "reference"]
 
 Array = NDArray[np.float32]
 
 _RESOLVED = 1e-4  # share of the image's root mean square: a standard error that is as good as none
-
-
-@dataclass(frozen=True)
-class Passes:
-    """How long a reference is rendered.
-
-    Args:
-        resolved_share: the standard error that is small enough, as a share of the smallest error of a candidate; both
-            are root mean squares over the interior.
-        least, most: samples a pixel, of both halves together; even numbers from 4 on.
-
-    Raises:
-        UsageError: other numbers of passes.
-    """
-
-    resolved_share: float = 0.1
-    least: int = 32
-    most: int = 4096
-
-    def __post_init__(self) -> None:
-        """Checks the numbers."""
-        if self.least % 2 or self.most % 2 or not 4 <= self.least <= self.most:
-            raise UsageError(f"passes run from {self.least} to {self.most}: expected even numbers from 4 on, in order")
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,48 +139,37 @@ def reference(
     source: FilteredSource,
     seed: int,
     candidates: Sequence[Frame],
-    passes: Passes = Passes(),
+    resolved_share: float = 0.1,
+    least: int = 32,
+    most: int = 4096,
     progress: Progress = lambda _share: None,
     cache: Path | None = None,
 ) -> Reference:
     """The supersampled render, `Supersampling` on the screen, where a pixel can cover an outline and several surfaces.
 
     The estimator of `mipbake.quality.reference` draws its samples in texture space, where there are none. Passes go on
-    until the standard error of the mean, estimated from the halves' difference, is at most `passes.resolved_share` of
-    the smallest error among the candidates, or 10^-4 of the image's root mean square. No candidate has a say in what a
+    until the standard error of the mean, estimated from the halves' difference, is at most `resolved_share` of the
+    smallest error among the candidates, or 10^-4 of the image's root mean square; errors are root mean squares over the
+    interior. No candidate has a say in what a
     pass renders.
 
     Args:
         seed: of the samples, not negative.
         candidates: the renders whose errors this is to resolve, at least one, all of the same view.
-        passes: how long it is rendered.
-        cache: folder where passes are kept; None keeps none. Passes found there count, also beyond `passes.most`.
-
-    Raises:
-        UsageError: no candidate or a candidate of another resolution, or a seed outside its range.
+        least, most: samples a pixel, of both halves together; even numbers from 4 on.
+        cache: folder where passes are kept; None keeps none. Passes found there count, also beyond `most`.
     """
-    height, width = shot.resolution
-    if not candidates:
-        raise UsageError("a reference without candidates: expected the renders whose errors it is to resolve")
-    for each in candidates:
-        if each.image.shape[:2] != (height, width):
-            raise UsageError(
-                f"a candidate is {each.image.shape[1]} x {each.image.shape[0]} pixels: "
-                f"expected the reference's {width} x {height}"
-            )
-    if seed < 0:
-        raise UsageError(f"the seed of a reference is {seed}: expected an integer that is not negative")
     rendering = Supersampling([shot], source, seed, cache)
 
     def judged() -> tuple[Reference, float]:
         first, second, interior = (each[0] for each in rendering.halves())
         noise, error, signal = _errors(first, second, [each.image for each in candidates], interior)
-        wanted = max(passes.resolved_share * error, _RESOLVED * signal)
+        wanted = max(resolved_share * error, _RESOLVED * signal)
         converged = noise <= wanted
         found = Reference(first, second, interior, rendering.passes, noise, error, converged)
         return found, 0.0 if converged else noise / max(wanted, 1e-300)
 
-    return rendering.resolve(passes.least, passes.most, 1.1, judged, progress)
+    return rendering.resolve(least, most, 1.1, judged, progress)
 
 
 def _errors(

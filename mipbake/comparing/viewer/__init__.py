@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mipbake.base.errors import UsageError
 from mipbake.comparing.viewer.packing import Texels, packed
 from mipbake.material import MODELS, Kind, model_named
 from mipbake.material.filtered_source import FilteredSource
@@ -100,7 +99,7 @@ def viewer_fragment(stacks: Mapping[str, MipStack], source: FilteredSource | Non
             them. Stacks of models that store logarithms are in half floats always.
 
     Raises:
-        UsageError: no stack, or a source with an unknown filter or model.
+        UsageError: a source with an unknown filter or model.
     """
     shown = json.dumps(scene(stacks, source, half), separators=(",", ":"))
     shown = shown.replace("</", "<\\/")  # would end the script element
@@ -139,8 +138,6 @@ def _text(name: str) -> str:
 def scene(stacks: Mapping[str, MipStack], source: FilteredSource | None = None, half: bool = False) -> dict[str, Any]:
     """What the script reads, in types that JSON has: stacks, source, filter table and lights. Arguments and errors are
     those of `viewer_fragment`."""
-    if not stacks:
-        raise UsageError("the viewer was given no stack: expected at least one")
     shown = [(TRUTH, source.model, [source.stored], source.wrap)] if source else []
     shown += [(name, stack.model, stack.levels, stack.wrap) for name, stack in stacks.items()]
     described: list[dict[str, Any]] = []

@@ -34,13 +34,6 @@ class Measured:
 
     def mean_over(self, mask: NDArray[np.bool_]) -> float:
         """Mean of the map where `mask`, a boolean array of the map's shape, is true: a background dilutes the mean."""
-        mask = np.asarray(mask)
-        if mask.shape != self.per_pixel.shape or mask.dtype != np.bool_:
-            raise UsageError(
-                f"mask is {mask.dtype} of shape {mask.shape}: expected bool of the map's shape {self.per_pixel.shape}"
-            )
-        if not mask.any():
-            raise UsageError("mask selects no pixel: expected at least one to take the mean over")
         return float(self.per_pixel[mask].mean(dtype=np.float64))
 
 
@@ -94,12 +87,6 @@ def film_exposure(reference: ImageArray, mask: NDArray[np.bool_] | None = None) 
     """
     values = _colours("reference", reference, np.asarray(reference).dtype)
     if mask is not None:
-        mask = np.asarray(mask)
-        if mask.shape != values.shape[:-1] or mask.dtype != np.bool_:
-            raise UsageError(
-                f"mask is {mask.dtype} of shape {mask.shape}: expected bool of the reference's shape without its "
-                f"colours, {values.shape[:-1]}"
-            )
         values = values[mask]
     bright = values[values > 0]
     if not bright.size:
@@ -239,7 +226,7 @@ MAX_NITS = 10_000.0
 _USER = "Delta E ITP"
 
 
-def delta_e_itp(candidate: ImageArray, reference: ImageArray, nits_per_unit: float = NITS_PER_UNIT) -> Measured:
+def delta_e_itp(candidate: ImageArray, reference: ImageArray) -> Measured:
     """Mean Delta E ITP over the pixels, in just noticeable differences: 0 is right, below 1 nobody sees it.
 
     ITU-R BT.2124: 720 sqrt(dI^2 + dT^2 + dP^2) with T = C_T / 2, P = C_P, of colours in ICtCp (ITU-R BT.2100, PQ).
@@ -249,19 +236,16 @@ def delta_e_itp(candidate: ImageArray, reference: ImageArray, nits_per_unit: flo
 
     Args:
         candidate, reference: (..., 3) linear Rec.709 radiance, one shape, from 0 up.
-        nits_per_unit: cd/m^2 of radiance 1, above 0; an exposure belongs in here.
     """
-    if not 0 < nits_per_unit < math.inf:
-        raise UsageError(f"nits_per_unit is {nits_per_unit}: expected a number above 0, for example {NITS_PER_UNIT:g}")
     colour = colour_science(_USER)
-    p, r = (_ictcp(image, nits_per_unit) for image in checked_radiance(candidate, reference))
+    p, r = (_ictcp(image) for image in checked_radiance(candidate, reference))
     per_pixel = np.asarray(colour.delta_E(p, r, method="ITP"), np.float64)
     return Measured(float(per_pixel.mean()), per_pixel.astype(np.float32))
 
 
-def _ictcp(image: ImageArray, nits_per_unit: float) -> NDArray[np.float64]:
+def _ictcp(image: ImageArray) -> NDArray[np.float64]:
     colour = colour_science(_USER)
     spaces = colour.RGB_COLOURSPACES
     matrix = np.asarray(colour.matrix_RGB_to_RGB(spaces["ITU-R BT.709"], spaces["ITU-R BT.2020"]), np.float64)
-    nits = np.minimum(image * nits_per_unit @ matrix.T, MAX_NITS)
+    nits = np.minimum(image * NITS_PER_UNIT @ matrix.T, MAX_NITS)
     return np.asarray(colour.RGB_to_ICtCp(nits, method="ITU-R BT.2100-2 PQ"), np.float64)

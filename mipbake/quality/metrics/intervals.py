@@ -20,7 +20,6 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.base.errors import UsageError
 from mipbake.quality.metrics.flicker import flicker_ratio_from_sums
 from mipbake.quality.metrics.snr import snr_from_sums
 
@@ -50,8 +49,6 @@ def bootstrap(statistic: Statistic, sums: NDArray[np.floating]) -> Interval:
         sums: (K, M), what each pair adds; K at least 2. A resample weights the rows by how often it drew each.
     """
     rows = np.asarray(sums, np.float64)
-    if rows.ndim != 2 or len(rows) < 2:
-        raise UsageError(f"sums have shape {rows.shape}: expected (pairs, sums), at least two pairs to resample")
     figures = statistic(_draws(len(rows)) @ rows)
     low, high = np.percentile(figures, [2.5, 97.5]) if np.isfinite(figures).all() else (math.nan, math.nan)
     return Interval(float(statistic(rows.sum(0))), float(low), float(high))
@@ -75,10 +72,6 @@ def snr_gain_interval(sums: NDArray[np.floating], baseline: NDArray[np.floating]
 
     Each resample draws the same pairs for both, so what both find hard cancels. An interval that holds 0 shows no gain.
     """
-    if np.shape(sums) != np.shape(baseline):
-        raise UsageError(
-            f"sums have shape {np.shape(sums)} and baseline {np.shape(baseline)}: expected the same light-view pairs"
-        )
     both = np.concatenate([sums, baseline], -1)
     return bootstrap(lambda sums: snr_from_sums(sums[..., :3]) - snr_from_sums(sums[..., 3:]), both)
 
