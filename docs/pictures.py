@@ -14,7 +14,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 import mipbake
 from mipbake.comparing.meshes import mesh_render
-from mipbake.comparing.meshes.mesh_render import Frame, Passes, Reference
+from mipbake.comparing.meshes.mesh_render import Frame, Reference
 from mipbake.comparing.scenes import View, standard_views
 from mipbake.quality import environment
 from mipbake.quality.metrics.images import displayed
@@ -73,9 +73,9 @@ def render(view: View, passes: int, resolved_share: float = 0.1) -> tuple[dict[s
     }
     kernel = stacks[BAKED].provenance.pixel_filter
     source = texture_set.filtered(kernel)
-    wanted = Passes(resolved_share, min(32, passes), passes)
-    reference = mesh_render.reference(view, source, 0, list(frames.values()), wanted)
-    return frames, reference
+    return frames, mesh_render.reference(
+        view, source, 0, list(frames.values()), resolved_share, min(32, passes), passes
+    )
 
 
 def shown(radiance: NDArray[np.float32]) -> Picture:

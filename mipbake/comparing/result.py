@@ -80,14 +80,11 @@ class FilmedScene:
 
     Args:
         name: key, and the view of its figures: `film-floor`, `film-low-floor`, ...
-        title: what a reader is shown.
         motion: what moves, `camera` or `light`. sampler: how stacks were looked up.
         lod: median level of detail of the first frame's covered pixels.
-        resolution: (height, width). frames: how many. frames_per_second: at which they are shown.
-        lighting: its name. exposure: at which all frames are displayed.
-        passes: samples for each pixel of the reference.
+        exposure: at which all frames are displayed.
         noise: of the reference; candidate_error: of the closest candidate; both root mean squares of displayed values.
-        converged: whether the first is at most the wanted share of the second.
+        converged: whether the first is at most the wanted share of the second. The rest is as in `Scene`.
     """
 
     name: str

@@ -111,10 +111,8 @@ def validate(
 ) -> Validation:
     """Measures a stack, and the closed forms baked from the same set, against the reference.
 
-    The reference renders level 0 of the source, every stored channel interpolated bilinearly, under the pixel filter
-    that the stack declares; candidates are looked up by the sampler that the stack was made for. All are compared at
-    the same random sub-texel offsets. The reference is estimated twice, independently, so that its noise biases no
-    figure (snr_db).
+    The reference has the pixel filter that the stack declares; candidates are looked up by the sampler that the stack
+    was made for. All are compared at the same random sub-texel offsets (mipbake.quality.texture_space.measure).
 
     Args:
         texture_set: the source, or what `mipbake.load` takes, such as its folder.

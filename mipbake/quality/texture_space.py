@@ -141,10 +141,8 @@ def measure(
 ) -> TextureSpace:
     """Measures candidates against the pixel-filtered reference of their source, with 95 % intervals over pairs.
 
-    The reference renders level 0 of the source, every stored channel interpolated bilinearly; candidates are looked up
-    as the sampler looks up footprints that are round. The reference is estimated twice, independently, so that its
-    noise biases neither the SNR nor flicker. The tonemapped error takes the mean of both estimates, and counts its
-    noise as error.
+    Candidates are looked up as the sampler looks up footprints that are round. The reference is estimated twice, so
+    that its noise biases neither the SNR nor flicker; the tonemapped error counts it as error.
 
     For flicker, pixels move by SHIFTS. Both estimates are drawn anew at every place, with no random number shared, so
     that noise in one estimate is not a change in the other estimate as well. Where the set has few pixels at a level of

@@ -5,7 +5,7 @@ With A and B two independent estimates of the reference, M = (A + B) / 2 and D =
     (P - A)(P - B) = (P - M)^2 - D^2,    AB = M^2 - D^2:
 
 what does not depend on the candidate is summed once, and a candidate takes one pass over its radiance. The sums are
-the sums of `mipbake.quality.metrics.snr_sums` and `flicker_sums`.
+the sums of `mipbake.quality.metrics.snr_sums` and `mipbake.quality.metrics.flicker.flicker_sums`.
 """
 
 from __future__ import annotations
@@ -168,11 +168,11 @@ class _Compared:
         self.signal = _squares(self.mean) - self.noise / 2
 
     def snr_sums(self, shown: Radiance) -> Sums:
-        """(B, K, 3) as mipbake.quality.metrics.snr_sums has them."""
+        """(B, K, 3) as snr_sums has them."""
         return np.stack([self.signal, _squares(shown - self.mean) - self.noise / 2, self.noise], -1)
 
     def flicker_sums(self, shown: Radiance) -> Sums:
-        """(B, K, 3) as mipbake.quality.metrics.flicker_sums has them, where both this and what is shown are changes."""
+        """(B, K, 3) as flicker_sums has them, where both this and what is shown are changes."""
         return np.stack([_squares(shown), self.signal, self.noise], -1)
 
 

@@ -58,6 +58,6 @@ def joined(name: str, meshes: list[Mesh]) -> Mesh:
     """One mesh of several, in order."""
     starts = np.cumsum([0, *(len(mesh.positions) for mesh in meshes[:-1])])
     fields = ("positions", "normals", "uv", "tangents")
-    vertices = (np.concatenate([getattr(mesh, field) for mesh in meshes]) for field in fields)
+    positions, normals, uv, tangents = (np.concatenate([getattr(each, field) for each in meshes]) for field in fields)
     triangles = [mesh.triangles + start for mesh, start in zip(meshes, starts, strict=True)]
-    return Mesh(name, *vertices, np.concatenate(triangles).astype(np.int32))
+    return Mesh(name, positions, normals, uv, tangents, np.concatenate(triangles).astype(np.int32))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from mipbake.baking.methods import METHODS
 from mipbake.comparing.result import LINEAR, Comparison
 from mipbake.comparing.viewer import TRUTH
@@ -11,6 +13,9 @@ REFERENCE = TRUTH
 """What a report calls the reference beside the methods."""
 
 PLAIN, OURS = "plain MIP maps", "mipbake"
+
+DISTANCES: Mapping[str, str] = {"near": "Near", "middle": "Middle distance", "far": "Far"}
+"""What a reader is shown as a distance, by the name of a scale."""
 
 
 def called(comparison: Comparison, name: str) -> str:
@@ -24,4 +29,4 @@ def called(comparison: Comparison, name: str) -> str:
 
 def distance(lod: float) -> str:
     """What a reader is shown as the distance of a surface whose median level of detail is `lod`."""
-    return {"near": "Near", "middle": "Middle distance", "far": "Far"}[distance_of(lod)]
+    return DISTANCES[distance_of(lod)]

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from mipbake.comparing.films import FILM
 from mipbake.comparing.page.charts import looks
 from mipbake.comparing.page.markup import DASH, MINUS, SPACE, Content, Html, element, region
-from mipbake.comparing.page.names import called, distance
+from mipbake.comparing.page.names import DISTANCES, called, distance
 from mipbake.comparing.page.verdict import PLACES, film_named, visible
 from mipbake.comparing.result import LINEAR, OPTIMUM, Comparison
 from mipbake.quality.figures import SCALES, SNR_GAIN, Figure
@@ -117,7 +117,7 @@ def _places(comparison: Comparison) -> list[_Place]:
         _Place(distance(s.lod), s.title.partition(",")[0], ("flicker", s.name, ""), (judge, s.name, "")) for s in scenes
     ]
     if not made:
-        for scale, said in {"near": "Near", "middle": "Middle distance", "far": "Far"}.items():
+        for scale, said in DISTANCES.items():
             view = next((each.scene.view for each in comparison.rendered if each.scene.scale == scale), "")
             made.append(_Place(said, view, ("flicker", "near-mirror", scale), ("flip", view, scale)))
     subject = comparison.subject

@@ -44,7 +44,6 @@ class Difference:
         rival: the method.
         own, other: figures of the subject and of the method.
         gain: how much better the subject is, in units of the measure; negative where it is worse.
-        low, high: the gain's 95 % interval, nan where it has none.
         outcome: 1 better, -1 worse, 0 no difference.
     """
 
@@ -55,8 +54,6 @@ class Difference:
     own: float
     other: float
     gain: float
-    low: float
-    high: float
     outcome: int
 
 
@@ -142,20 +139,18 @@ def difference(
     own, other = (comparison.find(name, measure, view, scale) for name in (method or comparison.subject, rival))
     if own is None or other is None or math.isnan(own.value - other.value):
         return None
-    low = high = math.nan
     gain = own.value - other.value if MEASURES[measure].direction == "higher" else other.value - own.value
     if measure == "snr":
         paired, least = comparison.find(rival, SNR_GAIN, view, scale), _LEAST_DECIBELS
         if paired is not None and not math.isnan(paired.value + paired.low + paired.high):
-            gain, low, high = paired.value, paired.low, paired.high
-            differ = low > 0 or high < 0
+            gain, differ = paired.value, paired.low > 0 or paired.high < 0
         else:
             differ = not (own.low <= other.high and other.low <= own.high)  # true also where there is no interval
     else:
         least = visible(measure, own.value, other.value)
         differ = gain != 0
     outcome = int(math.copysign(1, gain)) if differ and abs(gain) >= least else 0
-    return Difference(measure, view, scale, rival, own.value, other.value, gain, low, high, outcome)
+    return Difference(measure, view, scale, rival, own.value, other.value, gain, outcome)
 
 
 def visible(measure: str, own: float, other: float) -> float:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -89,9 +88,7 @@ def is_report(folder: Path) -> bool:
 
 
 def _plain(value: Any) -> Any:
-    """The value in types that JSON has: dataclasses become dictionaries, paths text, what is not finite None."""
-    if is_dataclass(value) and not isinstance(value, type):
-        return _plain(asdict(value))
+    """The value in types that JSON has: paths become text, what is not finite None."""
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

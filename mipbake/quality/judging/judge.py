@@ -1,7 +1,8 @@
 """Which of two stacks is better: the one answer that fits, descents and the keeping of changes share.
 
-A stack is worth, at a level of detail, what its terms count (terms.py, weights.py), and what it is behind a baseline
-counts in addition. So no gain in one term is paid for by a loss in another.
+What a stack is worth at a level of detail is the sum of its terms (terms.py), each times what it `counts`. What is
+behind a baseline, which is the best closed form, counts `behind` times in addition, so that no gain in one term is paid
+for by a loss in another.
 """
 
 from __future__ import annotations

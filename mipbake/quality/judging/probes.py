@@ -4,12 +4,8 @@ The SNR of a set of pairs varies by decibels from set to set, and on glossy sets
 detail is measured in groups: a group is what a figure is quoted for, 64 pairs of each pair set, at points of its own.
 Means over groups average both kinds of chance, and their scatter says what is left of it.
 
-A group that holds a grazing pair, or one that hits a narrow lobe, is ruled by it, and means over groups hardly see
-those. So further groups hold such pairs alone (pairs.py).
-
-SNR under single lights follows the brightest pairs. What people look at is lit from everywhere and tonemapped, and eyes
-see some of it better than the rest. So every level of detail is also measured on small pictures, of surfaces that face
-the viewer and of slanted ones, looked up by the sampler that the stack is made for (shown.py).
+Further groups hold pairs alone that would rule a group (pairs.py). Every level of detail is also measured on small
+pictures, as people see them (shown.py).
 """
 
 from __future__ import annotations

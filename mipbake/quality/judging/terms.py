@@ -3,10 +3,6 @@
 A term reads one row of an array of a `Score`. Its value is the mean of the row, which is the logarithm of an error
 relative to the signal. Every row has its term, so a new term is an entry of TERMS and a new row: one more kind of small
 picture, or a new array of `Score` and of `Slopes` (judge.py).
-
-What a stack is worth at a level of detail is the sum of its terms, each times what it `counts`. What is behind the
-baseline, which is the best closed form, counts `behind` times in addition, so that no gain in one term is paid for by a
-loss in another.
 """
 
 from __future__ import annotations

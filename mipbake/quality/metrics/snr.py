@@ -25,9 +25,7 @@ def snr_db(candidate: NDArray[np.floating], first: NDArray[np.floating], second:
     the reference's own noise is not resolved: it is taken as that hundredth, so that chance reports no perfection. The
     result is at most MAX_SNR_DB, and nan where the signal is zero everywhere or a value is nan.
     """
-    p, r1, r2 = (np.asarray(a, np.float64) for a in (candidate, first, second))
-    check_same_shape(first=r1, second=r2, candidate=p)
-    return float(snr_from_sums(_sums(*(a.reshape(1, -1) for a in (p, r1, r2)))[0]))
+    return float(snr_from_sums(_sums(1, candidate, first, second)[0]))
 
 
 def snr_sums(
@@ -38,9 +36,7 @@ def snr_sums(
     Rows add up, so that light-view pairs can be resampled (mipbake.quality.metrics.intervals): snr_db of the whole is
     snr_from_sums(snr_sums(...).sum(0)).
     """
-    p, r1, r2 = (np.asarray(a, np.float64) for a in (candidate, first, second))
-    check_same_shape(first=r1, second=r2, candidate=p)
-    return _sums(*(a.reshape(len(a), -1) for a in (p, r1, r2)))
+    return _sums(len(candidate), candidate, first, second)
 
 
 def snr_from_sums(sums: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -52,5 +48,10 @@ def snr_from_sums(sums: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(lit, capped, math.nan)
 
 
-def _sums(p: NDArray[np.float64], r1: NDArray[np.float64], r2: NDArray[np.float64]) -> NDArray[np.float64]:
+def _sums(
+    rows: int, candidate: NDArray[np.floating], first: NDArray[np.floating], second: NDArray[np.floating]
+) -> NDArray[np.float64]:
+    p, r1, r2 = (np.asarray(a, np.float64) for a in (candidate, first, second))
+    check_same_shape(first=r1, second=r2, candidate=p)
+    p, r1, r2 = (a.reshape(rows, -1) for a in (p, r1, r2))
     return np.stack([(r1 * r2).sum(-1), ((p - r1) * (p - r2)).sum(-1), np.square(r1 - r2).sum(-1) / 2], -1)
