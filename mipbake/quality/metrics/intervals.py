@@ -50,7 +50,8 @@ def bootstrap(statistic: Statistic, sums: NDArray[np.floating]) -> Interval:
     """
     rows = np.asarray(sums, np.float64)
     figures = statistic(_draws(len(rows)) @ rows)
-    low, high = np.percentile(figures, [2.5, 97.5]) if np.isfinite(figures).all() else (math.nan, math.nan)
+    tail = 50 * (1 - 0.95)
+    low, high = np.percentile(figures, [tail, 100 - tail]) if np.isfinite(figures).all() else (math.nan, math.nan)
     return Interval(float(statistic(rows.sum(0))), float(low), float(high))
 
 
