@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import re
+import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -368,10 +369,12 @@ def test_a_budget_holds_for_everything(rounds: int, monkeypatch: pytest.MonkeyPa
         if now.share < 0.15:
             first[:] = [now.stack()]
 
-    result = fitted(
-        renderer, spots(40), steps=None, budget=100.0, passes=None, rounds=rounds, progress=progress,
-        working=lambda _share, seconds: left.append(seconds),
-    )  # fmt: skip
+    with warnings.catch_warnings():
+        warnings.filterwarnings("error", "the budget")
+        result = fitted(
+            renderer, spots(40), steps=None, budget=100.0, passes=None, rounds=rounds, progress=progress,
+            working=lambda _share, seconds: left.append(seconds),
+        )  # fmt: skip
     assert 90 < renderer.now <= 100
     assert [each is not None and each >= 0 for each in left] == [True] * len(left)
     assert first and not same(first[0], start()) and not same(first[0], result)
@@ -382,7 +385,8 @@ def test_a_budget_holds_for_everything(rounds: int, monkeypatch: pytest.MonkeyPa
 def test_a_budget_that_is_too_short_leaves_the_start(monkeypatch: pytest.MonkeyPatch) -> None:
     renderer = Slow()
     monkeypatch.setattr("time.monotonic", lambda: renderer.now)
-    assert same(fitted(renderer, steps=None, budget=1.0), start())
+    with pytest.warns(UserWarning, match=r"the budget of 1 s left no time for a step in test, because views are"):
+        assert same(fitted(renderer, steps=None, budget=1.0), start())
 
 
 def test_a_fit_that_was_stopped_late_in_its_budget_goes_on_without_one(

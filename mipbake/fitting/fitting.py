@@ -105,8 +105,8 @@ def fit(
         InputError, OutputError: a checkpoint of another fit, renderer or reference, or one that cannot be written.
 
     Warns:
-        UserWarning: views that show nothing of the maps, or other texels than their frames name; or a level that no
-            view shows which is held out.
+        UserWarning: views that show nothing of the maps, or other texels than their frames name; a level that no view
+            shows which is held out; or a budget that leaves no time for a step.
     """
     if not callable(getattr(renderer, "render", None)):
         raise UsageError(f"the renderer is a {type(renderer).__name__}: expected an object with render(levels, view)")
@@ -134,6 +134,12 @@ def fit(
     with nullcontext() if path is None else alone_with(path):
         state = _resumed(loop, prepared) or _begun(loop, starts, prepared)
         last = _stages(loop, state, prepared, starts)
+        if clock.budget is not None and state.step == 0 and settings.last != 0:
+            warnings.warn(
+                f"the budget of {clock.budget:g} s left no time for a step in {stack.name}, because views are rendered "
+                "first: expected more time or a faster renderer",
+                stacklevel=2,
+            )
         checking, judging = prepared.of(HELD_OUT), prepared.of(APART)
         still = [str(level) for level, there in enumerate(shown(checking)) if not there]
         if still:
