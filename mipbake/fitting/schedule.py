@@ -12,12 +12,8 @@ from mipbake.fitting.renderer import Levels, Renderer
 
 # Shares of a budget.
 FIRST = 0.03  # at most goes by before there is a start: views with coarse references
-STAGES = (
-    0.1,
-    0.25,
-    0.5,
-    1.0,
-)  # of what comes before CLOSING, at which stages of steps end: a first stack is there early
+# Of what comes before CLOSING, at which stages of steps end: a first stack is there early.
+STAGES = (0.1, 0.25, 0.5, 1.0)
 GROWING = 0.4  # of each later stage at most is for more views, and for references with less noise
 ROUNDS = 0.25  # at most is for rounds of least squares
 CLOSING = 0.9  # from here on, the result is judged by views that nothing was learned from or chosen by
