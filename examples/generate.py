@@ -2,8 +2,8 @@
 
 Procedural materials that tile, chosen because averaging their maps changes how they look: bumps smaller than a pixel
 become a flat mirror, crossed brush marks become a blur. The last, `knurled_plate`, is there to fail: its pixels show
-several lobes, which no texel of one lobe does. Every set is a function of its size alone (seeds are fixed), so that a
-set is the same material at any resolution; tests call `make` for sizes of their own.
+several lobes, which no texel of one lobe does. Every set is a function of its size alone, because seeds are fixed: it
+is the same material at any resolution.
 
 Directions follow glTF: +X along +u (right), +Y up in the image, so the normal of a height h(u, v), v down, is
 (-dh/du, dh/dv, 1) normalised. Lengths are in units of the texture.
@@ -282,7 +282,7 @@ def store(maps: Mapping[str, NDArray[np.uint8]], folder: Path) -> list[Path]:
     files = []
     for file, pixels in maps.items():
         path = folder / f"{file}.png"
-        image = pixels[..., None] if pixels.ndim == 2 else pixels
+        image = np.atleast_3d(pixels)
         out = OpenImageIO.ImageOutput.create(str(path))
         spec = OpenImageIO.ImageSpec(image.shape[1], image.shape[0], image.shape[-1], "uint8")
         spec.attribute("png:compressionLevel", 9)
@@ -294,17 +294,24 @@ def store(maps: Mapping[str, NDArray[np.uint8]], folder: Path) -> list[Path]:
     return files
 
 
-def main() -> None:
-    """The command line."""
-    parser = argparse.ArgumentParser(description="Make the example texture sets.")
-    parser.add_argument("out", type=Path, nargs="?", default=Path(__file__).parent, help="default: this folder")
-    parser.add_argument("--size", type=int, default=256, help="texels along both sides (default: 256)")
-    parser.add_argument("--only", choices=SETS, help="make one set")
+def texels(text: str) -> int:
+    """A side of maps, of the command line."""
+    if not text.isdecimal() or int(text) == 0:
+        raise argparse.ArgumentTypeError(f"expected a whole number above 0, got {text!r}")
+    return int(text)
+
+
+def run(sets: Mapping[str, Callable[[int, int], dict[str, Image]]], size: int, parser: argparse.ArgumentParser) -> None:
+    """The command line, of which `parser` knows the folder `out`: writes one of the sets, or all."""
+    parser.add_argument("--size", type=texels, default=size, help="texels along both sides (default: %(default)s)")
+    parser.add_argument("--only", choices=sets, help="make one set")
     options = parser.parse_args()
-    for name in [options.only] if options.only else SETS:
-        for path in write(name, options.out / name, options.size, options.size):
+    for name in [options.only] if options.only else sets:
+        for path in store(quantised(sets[name](options.size, options.size)), options.out / name):
             print(path)
 
 
 if __name__ == "__main__":
-    main()
+    made = argparse.ArgumentParser(description="Make the example texture sets.")
+    made.add_argument("out", type=Path, nargs="?", default=Path(__file__).parent, help="default: this folder")
+    run(SETS, 256, made)

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
-from generate import Image, band, cells, mix, noise, normal_map, quantised, smoothstep, srgb, store, texel_centres
+from generate import Image, band, cells, mix, noise, normal_map, run, smoothstep, srgb, texel_centres
 
 _FINEST = 256
 """Highest frequency of the noise, in cycles per texture: waves of 2 texels in a set of 512 x 512, 4 in one of 1024."""
@@ -153,12 +153,7 @@ def main() -> None:
     """The command line."""
     parser = argparse.ArgumentParser(description="Make texture sets that shimmer.")
     parser.add_argument("out", type=Path, help="a folder, which takes a folder a set")
-    parser.add_argument("--size", type=int, default=1024, help="texels along both sides (default: 1024)")
-    parser.add_argument("--only", choices=SHOWCASE, help="make one set")
-    options = parser.parse_args()
-    for name in [options.only] if options.only else SHOWCASE:
-        for path in store(quantised(SHOWCASE[name](options.size, options.size)), options.out / name):
-            print(path)
+    run(SHOWCASE, 1024, parser)
 
 
 if __name__ == "__main__":

@@ -139,3 +139,11 @@ def test_the_showcase_is_written_by_one_command(showcase, monkeypatch, tmp_path)
     showcase.main()
     texture_set = mipbake.load(tmp_path / "ocean")
     assert (texture_set.width, texture_set.height) == (32, 32) and not texture_set.anisotropic
+
+
+@pytest.mark.parametrize("size", ["0", "-8", "many"])
+def test_a_set_without_texels_is_refused(showcase, monkeypatch, tmp_path, capsys, size):
+    monkeypatch.setattr("sys.argv", ["showcase.py", str(tmp_path), "--size", size])
+    with pytest.raises(SystemExit):
+        showcase.main()
+    assert f"argument --size: expected a whole number above 0, got {size!r}" in capsys.readouterr().err

@@ -88,6 +88,31 @@ def test_options(load, tmp_path):
         report.parse("", load("cube").Settings(), None, ["--full"])
 
 
+@pytest.mark.parametrize(
+    ("option", "text", "said"),
+    [
+        ("--iterations", "-3", "expected a whole number above 0, got '-3'"),
+        ("--iterations", "0", "expected a whole number above 0, got '0'"),
+        ("--iterations", "2.5", "expected a whole number above 0, got '2.5'"),
+        ("--first-rate", "nan", "expected a number above 0, got 'nan'"),
+        ("--farthest", "inf", "expected a number above 0, got 'inf'"),
+        ("--seed", "-1", "expected a whole number of at least 0, got '-1'"),
+        ("--device", "toaster", "torch cannot use 'toaster'"),
+    ],
+)
+def test_values_that_no_experiment_has_are_refused(load, capsys, option, text, said):
+    with pytest.raises(SystemExit) as ended:
+        load("report").parse("", load("earth").Settings(), None, [option, text])
+    assert ended.value.code == 2
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert f"error: argument {option}: {said}" in last
+
+
+def test_a_planet_is_seen_from_outside(load, tmp_path):
+    with pytest.raises(SystemExit, match="--nearest is 1: expected more than 1, the planet's radius"):
+        load("earth").main(["--output", str(tmp_path), "--nearest", "1"])
+
+
 def test_meshes_are_closed_and_face_outward(load):
     meshes = load("meshes")
     knot, normals = meshes.bumpy_knot(60, 12)

@@ -100,6 +100,9 @@ def filtered_down(image: Tensor, samples: int) -> Tensor:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     settings, folder = report.parse(__doc__, Settings(), FULL, arguments)
+    if not 1 < settings.nearest <= settings.farthest:
+        raise SystemExit(f"--nearest is {settings.nearest:g}: expected more than 1, the planet's radius, and at most "
+                         f"--farthest, {settings.farthest:g}")  # fmt: skip
     log = report.Report("earth", settings, folder)
     generator = torch.Generator().manual_seed(settings.seed)
     mesh = meshes.sphere(16).to(settings.device)

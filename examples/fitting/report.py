@@ -5,11 +5,13 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
+import math
 import os
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import OpenImageIO
@@ -17,6 +19,29 @@ import torch
 from torch import Tensor
 
 Settings = TypeVar("Settings")
+
+
+def number(kind: Callable[[str], Any], zero: bool = False) -> Callable[[str], Any]:
+    """What reads a number of the command line, and refuses what is negative, infinite, or 0 unless that is allowed."""
+
+    def read(text: str) -> Any:
+        with suppress(ValueError):
+            value = kind(text)
+            if 0 < value < math.inf or (zero and value == 0):
+                return value
+        wanted = f"{'whole ' * (kind is int)}number {'of at least' if zero else 'above'} 0"
+        raise argparse.ArgumentTypeError(f"expected a {wanted}, got {text!r}")
+
+    return read
+
+
+def device(name: str) -> str:
+    """A device of the command line that torch can use."""
+    try:
+        torch.zeros(1, device=name)
+    except (RuntimeError, AssertionError) as error:  # torch without CUDA asserts
+        raise argparse.ArgumentTypeError(f"torch cannot use {name!r}: {str(error).partition(chr(10))[0]}") from error
+    return name
 
 
 def parse(
@@ -28,7 +53,8 @@ def parse(
 ) -> tuple[Settings, Path]:
     """Settings, and the folder for the results, of the command line: `small` (or `full` with --full), with changes.
 
-    Every field of the settings is an option: a number, a word or a tuple of such, or a switch that is off.
+    Every field of the settings is an option: a number above 0, a tuple of such, a switch that is off, `seed`, which may
+    be 0, or `device`.
     """
     parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     if full is not None:
@@ -43,7 +69,7 @@ def parse(
         kind = type(one[0]) if isinstance(one, tuple) else type(one)
         parser.add_argument(
             option,
-            type=kind,
+            type=device if field.name == "device" else number(kind, zero=field.name == "seed"),
             nargs="+" if isinstance(one, tuple) else None,
             help=f"default {one}" + (f", with --full {large}" if large != one else ""),
         )
@@ -96,10 +122,8 @@ class Report:
 
     def save(self, picture: np.ndarray) -> None:
         """Writes NAME.json and NAME.png; the picture (H, W, 3) holds values 0 to 1, top row first."""
-        device = str(getattr(self.settings, "device", "cpu"))
-        machine = (
-            torch.cuda.get_device_name(device) if device.startswith("cuda") else f"CPU with {os.cpu_count()} cores"
-        )
+        name = str(getattr(self.settings, "device", "cpu"))
+        machine = torch.cuda.get_device_name(name) if name.startswith("cuda") else f"CPU with {os.cpu_count()} cores"
         content: Mapping[str, object] = {
             "settings": dataclasses.asdict(self.settings),  # type: ignore[call-overload]
             "figures": self.figures,

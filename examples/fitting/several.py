@@ -16,7 +16,7 @@ import torch
 import torch.distributed as dist
 from camera import random_quaternions, rotation_matrix, to_clip
 from meshes import sphere
-from report import psnr
+from report import number, psnr
 from textures import planet
 
 import mipbake.nvdiffrast as dr
@@ -41,8 +41,8 @@ class Planet(torch.nn.Module):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--device", default="cpu", choices=("cpu", "cuda"))
-    parser.add_argument("--views", type=int, default=4, help="of a step, for all processes together")
-    parser.add_argument("--iterations", type=int, default=200)
+    parser.add_argument("--views", type=number(int), default=4, help="of a step, for all processes together")
+    parser.add_argument("--iterations", type=number(int), default=200)
     parser.add_argument("--output", help="a file for the texture")
     options = parser.parse_args()
     device = options.device

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from scene import DISTANCE, LIGHTS, RADIANCE, SLOPE, Camera, ball, cameras, normals, painted, radius
+from scene import LIGHTS, RADIANCE, WIDTH, Camera, ball, cameras, distance, normals, painted, radius
 from shared import parse, report
 from torch import Tensor
 from torch.nn.functional import normalize
@@ -47,8 +47,6 @@ class Settings:
 
 FULL = Settings(texture_size=1024, resolution=1024, fineness=256, cameras=96, iterations=2000, estimates=16, views=8)
 
-HELD_OUT = 4
-"""Cameras that nothing is learned from."""
 PERTURBED, TEXEL = 1.0, 0.02
 """How far stochastic gradients perturb a vertex, in pixels, and a texel."""
 RATE = 0.25
@@ -67,31 +65,23 @@ class Scene:
         places = np.arange(len(self.uv), dtype=np.int32).reshape(-1, 4)
         self.uv_triangles = torch.from_numpy(places[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3))
         self.topology = raster.antialias_construct_topology_hash(self.triangles)
-        around = cameras(settings.cameras + HELD_OUT)
-        self.held_out = around[2 :: len(around) // HELD_OUT][:HELD_OUT]
-        self.learned = [camera for camera in around if camera not in self.held_out]
+        self.held_out, self.learned = cameras(settings.cameras)
         self.lights, self.radiance = (torch.tensor(each, dtype=torch.float32) for each in (LIGHTS, RADIANCE / 10))
-        self.wanted = {camera: self.truth(camera) for camera in around}
+        self.wanted = {camera: self.truth(camera) for camera in (*self.held_out, *self.learned)}
 
     def begin(self) -> dict[str, Tensor]:
         """The ball, grey; or with its own normals in the map."""
         size = self.settings.texture_size
         texels = torch.full((size * size, 3), 0.5)
         if self.kind == "normals":
-            rast, _ = raster.rasterize(None, self.unwrapped(), self.uv_triangles, (size, size))
-            each = self.start[self.triangles.long()].reshape(-1, 3)[self.order()]
-            texels = (raster.interpolate(each[None], rast, self.uv_triangles)[0].reshape(-1, 3) + 1) / 2
+            # The atlas as positions (1, V, 4): rasterising it shows what texels lie on.
+            flat = torch.nn.functional.pad(2 * self.uv - 1, (0, 2))
+            flat[:, 3] = 1
+            rast, _ = raster.rasterize(None, flat[None], self.uv_triangles, (size, size))
+            normal = torch.empty(len(self.uv), 3)  # of corners of the atlas
+            normal[self.uv_triangles.long()] = self.start[self.triangles.long()]
+            texels = (raster.interpolate(normal[None], rast, self.uv_triangles)[0].reshape(-1, 3) + 1) / 2
         return {"vertices": self.start.clone(), "texels": texels.contiguous()}
-
-    def unwrapped(self) -> Tensor:
-        """(1, V, 4): the atlas as positions, so that rasterising it shows what texels lie on."""
-        return torch.cat([2 * self.uv - 1, torch.zeros_like(self.uv[:, :1]), torch.ones_like(self.uv[:, :1])], -1)[None]
-
-    def order(self) -> Tensor:
-        """For each corner in the atlas, a corner of a triangle that it is."""
-        order = torch.empty(len(self.uv), dtype=torch.long)
-        order[self.uv_triangles.reshape(-1).long()] = torch.arange(self.uv_triangles.numel())
-        return order
 
     def drawn(self, values: Mapping[str, Tensor], camera: Camera, smooth: bool) -> tuple[Tensor, Tensor, Tensor]:
         """(1, H, W, 3) picture, what `rasterize` gives, and (1, H, W, 2) places in the map.
@@ -155,11 +145,8 @@ class Scene:
 
     def quality(self, values: Mapping[str, Tensor]) -> tuple[float, float]:
         """PSNR of the cameras that are held out, and the mean distance from the true surface, by radii."""
-        points = values["vertices"].numpy()
-        away = np.linalg.norm(points, axis=-1)
-        off = float(np.abs(away - radius(points / away[:, None])).mean())
         wanted = torch.stack([self.wanted[camera] for camera in self.held_out])
-        return report.psnr(torch.stack(self.pictures(values)), wanted), off
+        return report.psnr(torch.stack(self.pictures(values)), wanted), distance(values["vertices"].numpy())
 
 
 @dataclass(frozen=True)
@@ -171,15 +158,10 @@ class Learned:
     seconds: float
 
 
-def pixel(settings: Settings) -> float:
-    """How large a pixel is at the ball."""
-    return 2 * SLOPE * DISTANCE / settings.resolution
-
-
 def stochastically(scene: Scene, in_turns: bool) -> Learned:
     """Adam by estimates, of all parameters at once; or of vertices in every other step, and of texels in the others."""
     settings, values = scene.settings, scene.begin()
-    step = PERTURBED * pixel(settings)
+    step = PERTURBED * WIDTH / settings.resolution
     groups = {
         "vertices": Group(values["vertices"], Channels((step,) * 3, (-2.0,) * 3, (2.0,) * 3), RATE / PERTURBED),
         "texels": Group(values["texels"], Channels((TEXEL,) * 3, (0.0,) * 3, (1.0,) * 3)),
@@ -201,7 +183,7 @@ def stochastically(scene: Scene, in_turns: bool) -> Learned:
 def exactly(scene: Scene, seconds: float) -> Learned:
     """Adam by exact gradients, for so many seconds."""
     settings, values = scene.settings, scene.begin()
-    rates = {"vertices": RATE * pixel(settings), "texels": TEXEL}
+    rates = {"vertices": RATE * WIDTH / settings.resolution, "texels": TEXEL}
     groups = [{"params": [values[name].requires_grad_(True)], "lr": rate} for name, rate in rates.items()]
     optimiser, generator, steps = torch.optim.Adam(groups), np.random.default_rng(settings.seed), 0
     began = time.process_time()

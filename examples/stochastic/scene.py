@@ -13,6 +13,8 @@ Ints = NDArray[np.int32]
 
 DISTANCE, SLOPE = 5.0, 0.29
 """Of cameras from the middle of the ball, and half a picture's width at distance 1."""
+WIDTH = 2 * SLOPE * DISTANCE
+"""Of pictures, at the ball."""
 
 LIGHTS = np.array(
     [[1, 0.3, 0.4], [-0.6, 0.7, 0.5], [-0.3, -0.9, 0.3], [0.2, 0.1, -1], [0.1, 1, -0.2], [-1, -0.2, -0.4]]
@@ -22,6 +24,9 @@ RADIANCE = 2.5 * np.array(
     [[2, 1.5, 1.1], [0.9, 1.4, 1.9], [1.2, 0.8, 1.3], [1.3, 1.7, 1], [1, 1, 1.4], [1.5, 1.2, 0.9]]
 )
 """Directions to lights, and what they shed."""
+
+HELD_OUT = 4
+"""Cameras that nothing is learned from."""
 
 CHARTS = (3, 2)
 """Columns and rows of the atlas: a chart for each side of a cube."""
@@ -81,6 +86,12 @@ def radius(direction: Floats) -> Floats:
     return (0.95 + lobes + 0.05 * ripples).astype(np.float32)
 
 
+def distance(points: Floats) -> float:
+    """Mean distance of points (V, 3) from the bumpy ball, by radii."""
+    away = np.linalg.norm(points, axis=-1)
+    return float(np.abs(away - radius(points / away[:, None])).mean())
+
+
 def normals(points: Floats, triangles: Ints) -> Floats:
     """(V, 3) unit normals: the mean over the triangles at a vertex, weighed by area."""
     a, b, c = (points[triangles[:, corner]] for corner in range(3))
@@ -107,8 +118,9 @@ class Camera:
     """(4, 4), for columns"""
 
 
-def cameras(count: int) -> list[Camera]:
-    """Around the origin, evenly."""
+def cameras(count: int) -> tuple[list[Camera], list[Camera]]:
+    """HELD_OUT cameras, and `count` others to learn from, all of them evenly around the origin."""
+    count += HELD_OUT
     found = []
     for number in range(count):
         height, turn = 1 - (2 * number + 1) / count, number * np.pi * (3 - np.sqrt(5))
@@ -122,4 +134,5 @@ def cameras(count: int) -> list[Camera]:
         lens = np.diag([1 / SLOPE, 1 / SLOPE, -(far + near) / (far - near), 0])
         lens[2, 3], lens[3, 2] = -2 * far * near / (far - near), -1
         found.append(Camera((back * DISTANCE).astype(np.float32), (lens @ view).astype(np.float32)))
-    return found
+    held_out = found[2 :: count // HELD_OUT][:HELD_OUT]
+    return held_out, [camera for camera in found if camera not in held_out]

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
-from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 sys.path.append(str(Path(__file__).resolve().parent.parent / "fitting"))
 
@@ -14,13 +16,11 @@ import meshes
 import report
 import textures
 
-__all__ = ["camera", "meshes", "parse", "report", "textures"]
+__all__ = ["camera", "meshes", "parse", "psnr", "report", "textures"]
 
-Settings = TypeVar("Settings")
+parse = partial(report.parse, folder="stochastic")
 
 
-def parse(
-    description: str, small: Settings, full: Settings | None, arguments: Sequence[str] | None
-) -> tuple[Settings, Path]:
-    """As `report.parse`, with results in the folder `stochastic` by default."""
-    return report.parse(description, small, full, arguments, folder="stochastic")
+def psnr(image: NDArray[np.float32], wanted: NDArray[np.float32]) -> float:
+    """Peak signal-to-noise ratio in dB, of values whose peak is 1."""
+    return float(-10 * np.log10(np.square(image - wanted, dtype=np.float64).mean()))

@@ -16,16 +16,16 @@ Between the stages of a fit splats that nobody sees begin again as parts of othe
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from shared import camera, meshes, parse, report, textures
+from shared import camera, meshes, parse, psnr, report, textures
 
 from mipbake import raster
 from mipbake.stochastic import Channels, Descent, Group, Shown
@@ -38,13 +38,11 @@ BLUR = 0.3
 LEAST_OPACITY = 0.03
 """A splat that is fainter, or that no pixel shows, begins again as part of another (a guess)."""
 
-
 SHOWN_FOR_CREDIT = 8
 """Views that say where pictures are wrong."""
 
 
-@dataclass(frozen=True)
-class Stage:
+class Stage(NamedTuple):
     """How a stage ended: seconds of the processor from the start, and PSNR in dB over sides that nobody showed."""
 
     splats: int
@@ -214,12 +212,12 @@ class Fit:
         """Over the sides that nobody showed, in dB."""
         s = self.settings
         shown = np.stack([render(values, view, s.side, 0)[0] for view in self.test])
-        return float(-10 * np.log10(np.square(shown - self.tests, dtype=np.float64).mean()))
+        return psnr(shown, self.tests)
 
     def stages(self) -> list[tuple[int, int]]:
         """Splats, and side of the pictures, of each stage: both grow by factors, and are whole for the last third."""
         s, found = self.settings, []
-        doublings = round(np.log2(s.side / s.first_side))
+        doublings = max(round(np.log2(s.side / s.first_side)), 0)
         for stage in range(s.stages):
             share = min(1.5 * stage / max(s.stages - 1, 1), 1)
             count = s.first_splats * (s.splats / s.first_splats) ** share
@@ -272,10 +270,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     heads = ["stage", "splats", "pictures", "processor", "pictures from other sides", "flat, after as long"]
     at_first = start(settings.first_splats, np.random.default_rng(settings.seed))
     values, grown = fit.run(fit.stages())
-    log.add(f"hierarchy: {grown[-1].psnr:.1f} dB", hierarchy=[dataclasses.astuple(each) for each in grown])
+    log.add(f"hierarchy: {grown[-1].psnr:.1f} dB", hierarchy=grown)
     seconds = grown[-1].seconds / settings.stages
     other, flat = fit.run([(settings.splats, settings.side)] * settings.stages, seconds)
-    log.add(f"flat: {flat[-1].psnr:.1f} dB", flat=[dataclasses.astuple(each) for each in flat])
+    log.add(f"flat: {flat[-1].psnr:.1f} dB", flat=flat)
     rows = []
     for number, each in enumerate(grown, 1):
         beside = np.interp(each.seconds, [0, *(one.seconds for one in flat)], [math.nan, *(one.psnr for one in flat)])

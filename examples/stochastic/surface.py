@@ -20,8 +20,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scene import DISTANCE, LIGHTS, RADIANCE, SLOPE, Camera, Floats, Ints, ball, cameras, normals, painted, radius
-from shared import parse, report
+from scene import LIGHTS, RADIANCE, WIDTH, Camera, Floats, Ints, ball, cameras, distance, normals, painted, radius
+from shared import parse, psnr, report
 
 from mipbake import raster, sampling, shading, stochastic
 from mipbake.stochastic import Channels, Descent, Group, Shown, Subdivision
@@ -51,8 +51,6 @@ RATES = {"vertices": 0.25, "height": 0.1, "maps": 1.0}
 """The paper has 1 for all. With few estimates a step the surface crumples then, before the pictures are alike."""
 
 LEVELS = 2
-HELD_OUT = 4
-"""Cameras that nothing is learned from."""
 
 GREY = (0.5, 0.5, 0.5, 0.0, 0.6)
 """Base colour, metallic and roughness where they are not learned."""
@@ -84,7 +82,7 @@ class Surface:
         self.topology = Subdivision.of(self.control.quads, LEVELS)
         corners = self.topology.refine_corners(self.control.uv.reshape(-1, 2)).reshape(-1, 2).astype(np.float32)
         # Corners of quads have coordinates of their own; those of the first quad at a vertex are where it is displaced.
-        self.uv = np.ascontiguousarray(corners)
+        self.uv = corners
         places = np.arange(len(corners), dtype=np.int32).reshape(-1, 4)
         self.uv_triangles = places[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)
         _, first = np.unique(self.topology.quads, return_index=True)
@@ -103,21 +101,16 @@ class Surface:
         count = self.settings.texture_size**2
         points = self.control.points
         points = points / np.linalg.norm(self.topology.refine(points)[: len(points)], axis=-1, keepdims=True)
-        values = {"vertices": points.astype(np.float32), "height": np.zeros((count, 1), np.float32)}
-        maps = np.tile(np.array([*GREY, 0.5, 0.5, 1.0], np.float32), (count, 1))
-        return values | {"maps": maps}
+        maps = np.tile(np.float32([*GREY, 0.5, 0.5, 1.0]), (count, 1))
+        return {"vertices": points.astype(np.float32), "height": np.zeros((count, 1), np.float32), "maps": maps}
 
     def points(self, values: Mapping[str, Any]) -> tuple[Floats, Floats]:
         """(V, 3) displaced vertices, and normals before that."""
         smooth = self.topology.refine(values["vertices"])
         normal = normals(smooth, self.topology.triangles)
         size = self.settings.texture_size
-        height = sampling.texture(
-            values["height"].reshape(1, size, size, 1),
-            self.vertex_uv[None, None],
-            filter_mode="linear",
-            boundary_mode="clamp",
-        )
+        texels, places = values["height"].reshape(1, size, size, 1), self.vertex_uv[None, None]
+        height = sampling.texture(texels, places, filter_mode="linear", boundary_mode="clamp")
         return smooth + height[0, 0] * normal, normal
 
     def render(self, values: Mapping[str, Any], camera: Camera) -> Shown:
@@ -158,9 +151,7 @@ class Truth:
         self.triangles, direction = fine.triangles, fine.points
         self.points = direction * radius(direction)[:, None]
         self.normal = normals(self.points, self.triangles)
-        paint = np.tile(np.array(GREY, np.float32), (len(direction), 1))
-        if settings.physical:
-            paint = painted(direction)
+        paint = painted(direction) if settings.physical else np.tile(np.float32(GREY), (len(direction), 1))
         self.paint = np.concatenate([paint, np.tile(np.float32([0.5, 0.5, 1]), (len(direction), 1))], 1)
 
     def render(self, camera: Camera) -> Floats:
@@ -176,13 +167,9 @@ class Truth:
         return image
 
 
-def psnr(image: Floats, wanted: Floats) -> float:
-    return float(-10 * np.log10(np.square(image - wanted, dtype=np.float64).mean()))
-
-
 def groups(settings: Settings, values: Mapping[str, Floats]) -> dict[str, Group]:
     """What is learned, and in which steps."""
-    pixel = 2 * SLOPE * DISTANCE / settings.resolution
+    pixel = WIDTH / settings.resolution
     vertex, height, texel = PIXELS["vertices"] * pixel, PIXELS["height"] * pixel, TEXEL
     shades = texel if settings.physical else 0.0
     channels = {
@@ -197,10 +184,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     settings, folder = parse(__doc__, Settings(), FULL, arguments)
     log = report.Report("surface-physical" if settings.physical else "surface", settings, folder)
     surface, truth = Surface(settings), Truth(settings)
-    around = cameras(settings.cameras + HELD_OUT)
-    held_out = around[2 :: len(around) // HELD_OUT][:HELD_OUT]
-    learned = [camera for camera in around if camera not in held_out]
-    wanted = {camera: truth.render(camera) for camera in around}
+    held_out, learned = cameras(settings.cameras)
+    wanted = {camera: truth.render(camera) for camera in (*held_out, *learned)}
     values = surface.start()
     learned_groups = groups(settings, values)
     # With many maps, what moves the surface would be noise to the texels: then they are learned in turns.
@@ -211,10 +196,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     def state() -> tuple[float, float, list[Floats]]:
         """PSNR of the cameras that are held out, the mean distance from the true surface, and the pictures."""
         images = [surface.render(values, camera).image for camera in held_out]
-        points, _ = surface.points(values)
-        away = np.linalg.norm(points, axis=-1)
-        off = float(np.abs(away - radius(points / away[:, None])).mean())
-        return psnr(np.stack(images), np.stack([wanted[camera] for camera in held_out])), off, images
+        found = psnr(np.stack(images), np.stack([wanted[camera] for camera in held_out]))
+        return found, distance(surface.points(values)[0]), images
 
     def view(camera: Camera) -> tuple[Render, Floats]:
         return lambda given: surface.render({**values, **given}, camera), wanted[camera]
