@@ -30,7 +30,7 @@ from results_sets import InModel, boosted, captured, correlated, folder_sets, in
 from st_lpips import INSTALL, ShiftTolerantLpips, weights_file
 from timing import arguments, keep
 
-from mipbake.baking.bake import DEFAULT_FILTER
+from mipbake.baking.pipeline import DEFAULT_FILTER
 from mipbake.comparing.pictures import RenderSettings, render_view
 from mipbake.comparing.scenes import standard_views
 from mipbake.quality import environment, texture_space

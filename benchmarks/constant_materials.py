@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from results_sets import captured, folder_sets, in_model
 from timing import arguments, keep
 
-from mipbake.baking.bake import DEFAULT_FILTER
+from mipbake.baking.pipeline import DEFAULT_FILTER
 from mipbake.models.registry import WEIGHTS_FOLDER, WeightsInfo, default_weights, find_weights, load_network
 from mipbake.quality.metrics.pairs import PAIR_SETS
 from mipbake.quality.metrics.snr import snr_from_sums, snr_sums

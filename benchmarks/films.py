@@ -28,9 +28,9 @@ from results_sets import bumps, folder_sets
 from timing import keep, parser_of
 
 import mipbake
-from mipbake.baking.bake import DEFAULT_METHOD, Recipe
 from mipbake.baking.methods import OPTIONS
 from mipbake.baking.neural import Neural
+from mipbake.baking.pipeline import DEFAULT_METHOD, Recipe
 from mipbake.comparing.candidates import bake_all, chosen
 from mipbake.comparing.filming import MOST_PASSES, FilmReference, Frames, Take, film_figures, taken
 from mipbake.comparing.films import FRAMES, RESOLUTION, films_of

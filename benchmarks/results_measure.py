@@ -26,7 +26,7 @@ from results_sets import (
 )
 
 from mipbake import TextureSet
-from mipbake.baking.bake import DEFAULT_FILTER
+from mipbake.baking.pipeline import DEFAULT_FILTER
 from mipbake.baking.search.methods import REFINE_SECONDS
 from mipbake.comparing.candidates import closed_forms, label
 from mipbake.comparing.pictures import RenderSettings, render_view

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import mipbake
-from mipbake.baking.bake import AUTO_TARGET, Recipe, some_of
 from mipbake.baking.methods import METHODS
+from mipbake.baking.pipeline import AUTO_TARGET, Recipe, some_of
 from mipbake.base.options import one_of, option, same
 from mipbake.base.timings import Timings
 from mipbake.cli import options

@@ -14,7 +14,6 @@ import typer
 
 import mipbake
 from mipbake import MipbakeError, UsageError
-from mipbake.baking.bake import Recipe
 from mipbake.baking.convert import (
     LEARNED,
     TARGETS,
@@ -26,6 +25,7 @@ from mipbake.baking.convert import (
     open_material,
 )
 from mipbake.baking.methods import method_named
+from mipbake.baking.pipeline import Recipe
 from mipbake.base.options import one_of, option, same
 from mipbake.base.publish import temporary_folder
 from mipbake.base.timings import Timings

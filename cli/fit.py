@@ -11,8 +11,8 @@ from typing import Annotated, Any
 
 import mipbake
 from mipbake.baking import BakeOptions
-from mipbake.baking.bake import DEFAULT_METHOD, Recipe
 from mipbake.baking.methods import METHODS
+from mipbake.baking.pipeline import DEFAULT_METHOD, Recipe
 from mipbake.baking.search.long_run import BEST, seconds_of
 from mipbake.base.errors import UsageError
 from mipbake.base.options import one_of, option, same

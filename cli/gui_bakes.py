@@ -12,8 +12,9 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from mipbake.baking import BakedDocument, BakedSet, BakeOptions, Listener
-from mipbake.baking.bake import DEFAULT_FILTER, DEFAULT_METHOD, bake
+from mipbake.baking.bake import bake
 from mipbake.baking.options import BakePlan
+from mipbake.baking.pipeline import DEFAULT_FILTER, DEFAULT_METHOD
 from mipbake.baking.results import NotBaked
 from mipbake.baking.sets import Run
 from mipbake.baking.sources import bake_jobs

@@ -10,9 +10,9 @@ from typing import Annotated, Any, Optional
 
 import typer
 
-from mipbake.baking.bake import AUTO_TARGET, Recipe
 from mipbake.baking.methods import METHODS
 from mipbake.baking.neural import Neural
+from mipbake.baking.pipeline import AUTO_TARGET, Recipe
 from mipbake.base.options import one_of, option, same
 from mipbake.cli import options
 from mipbake.cli.session import Session, plain, timings

@@ -22,8 +22,8 @@ from PIL import Image
 from records.scripts import script
 
 import mipbake
-from mipbake.baking.bake import DEFAULT_FILTER
 from mipbake.baking.methods import METHODS
+from mipbake.baking.pipeline import DEFAULT_FILTER
 from mipbake.base.errors import UsageError
 from mipbake.comparing.pictures import RenderSettings, render_view
 from mipbake.comparing.scenes import standard_views

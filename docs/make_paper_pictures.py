@@ -21,8 +21,8 @@ from records.record import ROOT
 from records.scripts import script
 
 import mipbake
-from mipbake.baking.bake import DEFAULT_FILTER
 from mipbake.baking.methods import METHODS
+from mipbake.baking.pipeline import DEFAULT_FILTER
 from mipbake.comparing import plots
 from mipbake.comparing.pictures import RenderSettings, render_view
 from mipbake.comparing.result import Plot

@@ -41,7 +41,7 @@ def without_pauses(change: Callable[[object, str, Any], None] = setattr) -> None
 
 def with_many_regions(change: Callable[[object, str, Any], None] = setattr) -> None:
     """Bakes by `refine` make this search."""
-    module = importlib.import_module("mipbake.baking.bake")
+    module = importlib.import_module("mipbake.baking.pipeline")
     plain = module.method_named
 
     def named(name: str, *options: Any) -> Any:

@@ -33,7 +33,7 @@ from mipbake.stack.stack import Provenance
 
 from .command_line import fails, tree, write_set
 
-PIPELINE = import_module("mipbake.baking.bake")
+PIPELINE = import_module("mipbake.baking.pipeline")
 
 
 def test_bake_writes_what_it_says(folder, tmp_path, capsys):

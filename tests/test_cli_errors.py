@@ -19,7 +19,7 @@ from .command_line import fails, tree
 
 pytestmark = pytest.mark.usefixtures("unmeasured")
 
-PIPELINE = import_module("mipbake.baking.bake")
+PIPELINE = import_module("mipbake.baking.pipeline")
 
 
 def spoil_missing(folder):

@@ -9,8 +9,8 @@ import pytest
 
 import mipbake
 from mipbake import OutputError, TextureSet, UsageError
-from mipbake.baking.bake import Recipe
 from mipbake.baking.methods import METHODS
+from mipbake.baking.pipeline import Recipe
 from mipbake.comparing.candidates import (
     bake_all,
     check_options,

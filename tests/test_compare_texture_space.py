@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mipbake import TextureSet, UsageError, shading
-from mipbake.baking.bake import Recipe
+from mipbake.baking.pipeline import Recipe
 from mipbake.comparing.candidates import bake_all
 from mipbake.quality import texture_space
 from mipbake.quality.figures import Candidate, Figure, Method

@@ -10,9 +10,9 @@ import pytest
 
 import mipbake
 from mipbake import material
-from mipbake.baking.bake import Recipe
 from mipbake.baking.methods import METHODS, OPTIONS, method_named
 from mipbake.baking.neural import Neural
+from mipbake.baking.pipeline import Recipe
 from mipbake.baking.search.long_run import seconds_of
 from mipbake.baking.search.methods import REFINE_SECONDS, Auto, Optimum, Refine, Searching
 from mipbake.baking.search.texel_descent import DescentEffort

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from mipbake import TextureSet
-from mipbake.baking.bake import DEFAULT_FILTER, Recipe
+from mipbake.baking.pipeline import DEFAULT_FILTER, Recipe
 from mipbake.base.errors import UsageError
 from mipbake.comparing.candidates import bake_all
 from mipbake.comparing.validate import DEFAULT_LODS

@@ -8,7 +8,7 @@ from numbers import Real
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.baking.bake import Recipe, bake
+from mipbake.baking.pipeline import Recipe, bake_stoppable
 from mipbake.base.colour import unit_range
 from mipbake.base.errors import UsageError
 from mipbake.material import GLTF_MODELS
@@ -98,8 +98,9 @@ def adjusted(stack: MipStack, texture_set: TextureSet, changes: Adjustments) -> 
     changes.check(stack.model)
     levels = list(stack.levels)
     if changes.strength < 1:
-        plain = bake(texture_set, "linear", stack.model, "box").levels[: len(levels)]
-        levels = [_blend(a, b, changes.strength, stack.model) for a, b in zip(plain, levels, strict=True)]
+        plain, _ = bake_stoppable(texture_set, Recipe("linear", stack.model, "box"))
+        pairs = zip(plain.levels[: len(levels)], levels, strict=True)
+        levels = [_blend(a, b, changes.strength, stack.model) for a, b in pairs]
     if changes.keep_level0:
         levels[0] = texture_set.material(stack.model)
         for layout in LAYOUTS[stack.model]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from mipbake.baking.adjust import Adjustments
-from mipbake.baking.bake import AUTO_TARGET, Recipe
+from mipbake.baking.pipeline import AUTO_TARGET, Recipe
 from mipbake.base.errors import UsageError
 from mipbake.base.options import one_of, option
 from mipbake.material import GLTF_MODELS

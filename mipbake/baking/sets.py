@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Literal, TypeAlias
 
 from mipbake.baking.adjust import adjusted
-from mipbake.baking.bake import STOPPED, bake_stoppable
 from mipbake.baking.methods import METHODS, LongRun, discard, size_of
 from mipbake.baking.options import BakePlan
+from mipbake.baking.pipeline import STOPPED, bake_stoppable
 from mipbake.baking.recipe import Ingredients, stopped
 from mipbake.baking.results import BakedSet, Listener, WrittenFile
 from mipbake.base import memory

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.baking.bake import DEFAULT_METHOD, Recipe
 from mipbake.baking.methods import METHODS, OPTIONS
 from mipbake.baking.neural import Neural
+from mipbake.baking.pipeline import DEFAULT_METHOD, Recipe
 from mipbake.base.device import checked_device
 from mipbake.base.errors import OutputError, UsageError
 from mipbake.base.names import known_name

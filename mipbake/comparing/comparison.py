@@ -13,8 +13,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from mipbake.baking.bake import Recipe
 from mipbake.baking.neural import Neural
+from mipbake.baking.pipeline import Recipe
 from mipbake.base.errors import UsageError
 from mipbake.base.extras import check_extra
 from mipbake.base.timings import PhaseProgress, Timings

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from mipbake.baking.bake import Recipe
+from mipbake.baking.pipeline import Recipe
 from mipbake.base.timings import PhaseProgress
 from mipbake.comparing.candidates import bake_all, label, mismatch
 from mipbake.material.aim import DEFAULT_SAMPLER

@@ -59,7 +59,7 @@ class Preset:
 
     @property
     def target(self) -> str:
-        """The target that the preset chooses, a name in `mipbake.baking.bake.TARGETS`."""
+        """The target that the preset chooses, a name in `mipbake.baking.pipeline.TARGETS`."""
         return "auto" if self.anisotropic else "gltf"
 
     def check(self, width: int, height: int, blocks: bool = True) -> list[str]:
