@@ -44,9 +44,10 @@ from mipbake.base.errors import UsageError
 from mipbake.material import MAX_LOG_ALPHA2, MIN_ROUGHNESS, Kind, model_named
 from mipbake.material.aim import DEFAULT_SAMPLER, Sampler
 from mipbake.material.pixel_filter import Wrap
-from mipbake.models.architecture import Architecture
+from mipbake.models.architecture import Architecture, Levels
 from mipbake.models.architectures import ARCHITECTURES
 from mipbake.models.base import Network, Stacks
+from mipbake.models.level_filter import Lookup
 from mipbake.models.parameters import agreeing, clamp
 
 TARGETS = ("gltf", "gltf-anisotropic", "ggx", "beckmann")
@@ -192,24 +193,21 @@ class MipnetNetwork(Network):
             states.append(valid_state(average + change, self.limits))
         return states
 
-    def bake(
+    def levels(
         self,
         stored: NDArray[np.float32],
-        source: str,
-        target: str,
-        pixel_filter: str = "box",
-        wrap: Wrap = ("wrap", "wrap"),  # noqa: ARG002
+        read: str,
+        made: str,
+        lookup: Lookup,
+        wrap: Wrap,  # noqa: ARG002
         progress: Callable[[float], None] = lambda _: None,
-        sampler: Sampler = DEFAULT_SAMPLER,  # noqa: ARG002
-    ) -> list[NDArray[np.float32]]:
-        """See Network. Pixel filter and wrap modes change nothing, and sides must be powers of two."""
-        if target != self.target:
-            raise UsageError(f"this network makes {self.target}, not {target!r}")
-        channels = torch.from_numpy(np.ascontiguousarray(material.convert(stored, source, self.read), np.float32))
+    ) -> Levels:
+        """See Baker. Lookups and wrap modes change nothing, and sides must be powers of two."""
+        channels = torch.from_numpy(np.ascontiguousarray(stored, np.float32))
         with torch.inference_mode():
-            levels = self(channels[None], self.read, pixel_filter)[target]
+            levels = self(channels[None], read, lookup.kernel)[made]
         progress(1.0)
-        return [material.regularise(level[0].numpy(), target) for level in levels]
+        return [material.regularise(level[0].numpy(), made) for level in levels]
 
 
 def _windows(image: Tensor, side: int) -> Tensor:

@@ -9,21 +9,28 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mipbake.base.device import PROCESSOR
 from mipbake.base.errors import UsageError
-from mipbake.material import MODELS, losses, model_named
+from mipbake.material import MODELS, convert, directions, losses, model_named, regularise
 from mipbake.material.aim import DEFAULT_SAMPLER, Sampler
-from mipbake.material.pixel_filter import Wrap
+from mipbake.material.pixel_filter import Wrap, filter_named
+from mipbake.models.level_filter import Lookup
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
     from mipbake.models.base import Network
+
+Tensors: TypeAlias = Mapping[str, NDArray[np.float32]]
+"""Weights, by the names that the network's state has."""
+
+Levels: TypeAlias = list[NDArray[np.float32]]
+"""(H_L, W_L, C) stored channels of every level, down to 1 x 1."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +50,10 @@ class Description:
 class Baker(ABC):
     """What bakes: a network in torch, or released weights in the native core."""
 
-    @abstractmethod
+    config: Architecture
+    pixel_filters: tuple[str, ...]
+    """The pixel filters that the weights were trained for; () where nothing says so."""
+
     def bake(
         self,
         stored: NDArray[np.float32],
@@ -53,16 +63,48 @@ class Baker(ABC):
         wrap: Wrap,
         progress: Callable[[float], None] = lambda _: None,
         sampler: Sampler = DEFAULT_SAMPLER,
-    ) -> list[NDArray[np.float32]]:
-        """Every level of the stack of (H, W, C) stored channels of a source, down to 1 x 1, as valid channels of the
-        target; any size, without gradients.
+    ) -> Levels:
+        """Every level of the stack of (H, W, C) stored channels of a source, as valid channels of the target.
+
+        A source that is not read is converted to the nearest model that is, and a target that is not made is converted
+        from one that is. Any size, without gradients.
 
         Args:
+            wrap: wrap mode along u and along v.
             progress: called with the finished share, from 0 to 1.
             sampler: that will look the levels up, for networks that take it.
 
         Raises:
             UsageError: these weights do not make the target, do not take the source, or not for that pixel filter.
+        """
+        config, kernel = self.config, filter_named(pixel_filter).name
+        if not config.takes(source):
+            read = ", ".join(config.encoders)
+            raise UsageError(
+                f"these weights read {read} and would lose what {source} says of lobes; choose other weights"
+            )
+        if self.pixel_filters and kernel not in self.pixel_filters:
+            filters = f"filter{'s' if len(self.pixel_filters) > 1 else ''} {', '.join(self.pixel_filters)}"
+            raise UsageError(f"these weights are trained for the pixel {filters}, not for {kernel!r}")
+        read, made = config.read_as(source), config.made_from(target)
+        lookup = Lookup(kernel, config.taken(sampler))
+        levels = self.levels(convert(stored, source, read), read, made, lookup, wrap, progress)
+        return config.finished(levels, made, target, wrap)
+
+    @abstractmethod
+    def levels(
+        self,
+        stored: NDArray[np.float32],
+        read: str,
+        made: str,
+        lookup: Lookup,
+        wrap: Wrap,
+        progress: Callable[[float], None] = lambda _: None,
+    ) -> Levels:
+        """`bake` from a model that is read, one of the encoders', to one that is made, one of the decoders'.
+
+        Args:
+            lookup: what the levels are for.
         """
 
 
@@ -93,14 +135,9 @@ class Architecture(ABC):
     def build(self) -> Network:
         """A network of this architecture, as it is initialised."""
 
-    def baker(
-        self, tensors: Mapping[str, NDArray[np.float32]], pixel_filters: tuple[str, ...], device: str = PROCESSOR
-    ) -> Baker:
-        """What bakes with weights: here the network in torch, unless an architecture has something faster.
-
-        Args:
-            tensors: by the names that the network's state has. pixel_filters: that they were trained for.
-            device: where it runs.
+    def baker(self, tensors: Tensors, pixel_filters: tuple[str, ...], device: str = PROCESSOR) -> Baker:
+        """What bakes on a device with weights that were trained for some pixel filters: the network in torch, unless an
+        architecture has something faster.
 
         Raises:
             KeyError, ValueError: the tensors do not fit the architecture.
@@ -124,6 +161,12 @@ class Architecture(ABC):
         converted = (name for name, model in MODELS.items() if model.decoded_from in self.decoders)
         return tuple(dict.fromkeys((*self.decoders, *converted)))
 
+    def read_as(self, source: str) -> str:
+        """The model that materials of a source are read in: their own, or the nearest one, after conversion."""
+        if source in self.encoders:
+            return source
+        return min(self.encoders, key=lambda model: (losses(source, model), list(MODELS).index(model)))
+
     def made_from(self, target: str) -> str:
         """The decoder whose texels become a target; UsageError where there is none."""
         for model in (target, model_named(target).decoded_from):
@@ -138,6 +181,17 @@ class Architecture(ABC):
     def takes(self, source: str) -> bool:  # noqa: ARG002
         """Whether a source is baked at all."""
         return True
+
+    def taken(self, sampler: Sampler) -> Sampler | None:  # noqa: ARG002
+        """The sampler, where networks take it; else None."""
+        return None
+
+    def finished(self, levels: Levels, made: str, target: str, wrap: Wrap) -> Levels:
+        """Levels of a model that is made, as a target stores them."""
+        if made == target:
+            return levels
+        converted = [regularise(convert(level, made, target), target) for level in levels]
+        return directions.agreeing(converted, target, wrap)
 
 
 PAPER = "Kemppinen, Aittala and Lehtinen: Data-driven Pixel Filter Aware MIP Maps for SVBRDFs, 2023"

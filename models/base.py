@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from mipbake.material.aim import DEFAULT_SAMPLER, Sampler
-from mipbake.models.architecture import Architecture, Baker
+from mipbake.models.architecture import Architecture, Baker, Tensors
 
 Stacks: TypeAlias = Mapping[str, list[Tensor]]
 """Material models that are made, and all levels of a stack of each."""
@@ -22,19 +22,12 @@ Patches: TypeAlias = Callable[[str], NDArray[np.float32]]
 
 
 class Network(nn.Module, Baker):
-    """A network of any architecture. Images are (B, H, W, channels); those that `bake` takes are (H, W, channels).
-
-    Args:
-        config: the architecture.
-    """
-
-    config: Architecture
+    """A network of any architecture. Images are (B, H, W, channels); those that `bake` takes are (H, W, channels)."""
 
     def __init__(self, config: Architecture) -> None:
         super().__init__()
         self.config = config
-        self.pixel_filters: tuple[str, ...] = ()
-        """The pixel filters that it was trained for; only released weights say that."""
+        self.pixel_filters = ()
 
     @property
     def device(self) -> torch.device:
@@ -48,8 +41,7 @@ class Network(nn.Module, Baker):
         Args:
             stored: (B, S, S, C) stored channels of images that repeat, S a power of two.
             source: the model of the images, one of the encoders'.
-            pixel_filter: that the levels are for. sampler: that will look them up, for networks that take
-                it.
+            pixel_filter: that the levels are for. sampler: that will look them up, for networks that take it.
 
         Returns:
             (B, S_L, S_L, C) valid stored channels each, down to 1 x 1.
@@ -63,9 +55,7 @@ class Network(nn.Module, Baker):
         return ""
 
 
-def network_of(
-    config: Architecture, tensors: Mapping[str, NDArray[np.float32]], pixel_filters: tuple[str, ...]
-) -> Network:
+def network_of(config: Architecture, tensors: Tensors, pixel_filters: tuple[str, ...]) -> Network:
     """A network with its weights, ready for inference; ValueError where the tensors do not fit the architecture."""
     network = config.build()
     try:

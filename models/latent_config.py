@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
 from mipbake.base.device import PROCESSOR
 from mipbake.base.errors import UsageError
-from mipbake.material import MODELS, losses
-from mipbake.models.architecture import PAPER, Architecture, Baker, Description, check_counts, layers
+from mipbake.material import MODELS, convert, directions, regularise
+from mipbake.material.pixel_filter import Wrap
+from mipbake.models.architecture import PAPER, Architecture, Baker, Description, Levels, Tensors, check_counts, layers
 
 if TYPE_CHECKING:
     from mipbake.models.latent_network import LatentNetwork
@@ -64,11 +61,11 @@ class LatentConfig(Architecture):
                 f"got {self.latent_channels}"
             )
 
-    def read_as(self, source: str) -> str:
-        """The encoder that reads materials of a source; its own, or the nearest one, after conversion."""
-        if source in self.encoders:
-            return source
-        return min(self.encoders, key=lambda model: (losses(source, model), list(MODELS).index(model)))
+    def finished(self, levels: Levels, made: str, target: str, wrap: Wrap) -> Levels:
+        """See Architecture. Directions agree before vectors are renormalised."""
+        if made != target:
+            levels = directions.agreeing([convert(level, made, target) for level in levels], target, wrap)
+        return [regularise(level, target) for level in levels]
 
     def build(self) -> LatentNetwork:
         """See Architecture."""
@@ -76,13 +73,11 @@ class LatentConfig(Architecture):
 
         return LatentNetwork(self)
 
-    def baker(
-        self, tensors: Mapping[str, NDArray[np.float32]], pixel_filters: tuple[str, ...], device: str = PROCESSOR
-    ) -> Baker:
+    def baker(self, tensors: Tensors, pixel_filters: tuple[str, ...], device: str = PROCESSOR) -> Baker:
         """See Architecture. In the native core."""
         from mipbake.models.latent_baker import LatentBaker
 
-        return LatentBaker.of(self, pixel_filters, tensors, device)
+        return LatentBaker(self, pixel_filters, tensors, device)
 
     def describe(self) -> Description:
         """See Architecture."""

@@ -14,34 +14,14 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from mipbake import material
 from mipbake.base import memory
 from mipbake.material import directions
 from mipbake.material.pixel_filter import Wrap, level_sizes
+from mipbake.models.architecture import Levels
 from mipbake.models.latent_filter import latent_weights
 from mipbake.models.latent_network import LatentNetwork
-from mipbake.models.level_filter import checked_filter
 from mipbake.models.tiles import Piece, add, border_indices, pieces, tile_for
 from mipbake.models.workers import baking_on
-
-
-def bake(
-    network: LatentNetwork,
-    stored: NDArray[np.float32],
-    source: str,
-    target: str,
-    pixel_filter: str,
-    wrap: Wrap,
-    progress: Callable[[float], None],
-) -> list[NDArray[np.float32]]:
-    """See LatentNetwork.bake."""
-    checked_filter(network.config, network.pixel_filters, source, pixel_filter)
-    read, made = network.config.read_as(source), network.config.made_from(target)
-    channels = np.ascontiguousarray(material.convert(stored, source, read))
-    levels = bake_levels(network, channels, wrap, progress=progress, source=read, target=made)
-    if made != target:
-        levels = directions.agreeing([material.convert(level, made, target) for level in levels], target, wrap)
-    return [material.regularise(level, target) for level in levels]
 
 
 def bake_levels(
@@ -52,19 +32,12 @@ def bake_levels(
     progress: Callable[[float], None] = lambda _: None,
     source: str | None = None,
     target: str | None = None,
-) -> list[NDArray[np.float32]]:
-    """Every level of the stack of a material, down to 1 x 1.
+) -> Levels:
+    """`Baker.levels` by the network where it lies: tiles come back from there one by one.
 
     Args:
-        network: the trained network. Tiles are worked on where it lies, and come back one by one.
-        stored: (H, W, C) float32 stored channels of the source, any size.
-        wrap: wrap mode along u and along v.
         tile: side of a tile in texels; the result does not depend on it beyond rounding. None: what suits the device.
-        progress: called with the finished share, from 0 to 1.
         source, target: the encoder and the decoder, where the network has several.
-
-    Returns:
-        (H_L, W_L, C) float32 stored channels of the target, of every level.
     """
     sizes, device = level_sizes(*stored.shape[:2]), network.device
     tile = tile or tile_for(device)

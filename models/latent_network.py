@@ -26,10 +26,12 @@ from mipbake.base.errors import UsageError
 from mipbake.material import convert
 from mipbake.material.aim import DEFAULT_SAMPLER, Sampler
 from mipbake.material.pixel_filter import Wrap, level_sizes
+from mipbake.models.architecture import Levels
 from mipbake.models.base import Network, Patches, Stacks
 from mipbake.models.dense import SLOPE, dense
 from mipbake.models.latent_config import PARAMETERS, LatentConfig
 from mipbake.models.latent_filter import latent_weights
+from mipbake.models.level_filter import Lookup
 from mipbake.models.parameters import agreeing, to_parameters, to_stored
 from mipbake.models.tiles import extend
 
@@ -288,24 +290,19 @@ class LatentNetwork(Network):
             stacks[target] = agreeing(levels, target, wrap)
         return stacks
 
-    def bake(
+    def levels(
         self,
         stored: NDArray[np.float32],
-        source: str,
-        target: str,
-        pixel_filter: str,
+        read: str,
+        made: str,
+        lookup: Lookup,  # noqa: ARG002
         wrap: Wrap,
         progress: Callable[[float], None] = lambda _: None,
-        sampler: Sampler = DEFAULT_SAMPLER,  # noqa: ARG002
-    ) -> list[NDArray[np.float32]]:
-        """See Baker.
+    ) -> Levels:
+        """See Baker."""
+        from mipbake.models.latent_inference import bake_levels
 
-        A source without an encoder is converted to the nearest model that has one; what is made of `ggx` texels is
-        converted from them where the target has no decoder.
-        """
-        from mipbake.models.latent_inference import bake
-
-        return bake(self, stored, source, target, pixel_filter, wrap, progress)
+        return bake_levels(self, stored, wrap, progress=progress, source=read, target=made)
 
     def _only(self, kind: str) -> str:
         models: tuple[str, ...] = getattr(self.config, kind)

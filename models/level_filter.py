@@ -24,10 +24,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from mipbake.base.errors import UsageError
+import numpy as np
+from numpy.typing import NDArray
+
 from mipbake.material.aim import LOOKUPS, Sampler
-from mipbake.material.pixel_filter import filter_named
-from mipbake.models.architecture import Architecture
+from mipbake.material.pixel_filter import resample_weights
 
 _BETWEEN = 1 / 60
 """What levels are sharper by because lookups lie between them. docs/research.md has what it gains in pictures; the
@@ -63,6 +64,13 @@ def sharpening(level: int) -> float:
     return 1 / 12 + _BETWEEN - 4.0**-level / 24
 
 
+def taps_of_top(kernel: str) -> tuple[NDArray[np.floating], NDArray[np.float32]]:
+    """What every texel of level 0 is summed from, (n,) each way, n odd, and the (n - 2,) taps before sharpening."""
+    taps = resample_weights(16, 16, kernel, "wrap")[1][0]
+    a = sharpening(0)
+    return np.convolve(taps, [-a, 1 + 2 * a, -a]), taps
+
+
 @dataclass(frozen=True)
 class Lookup:
     """What levels are made for.
@@ -77,19 +85,3 @@ class Lookup:
     def width(self, level: int) -> float:
         """Width of the pixel filter of a level."""
         return 1.0 if self.sampler is None else width_of(level, self.sampler)
-
-
-def checked_filter(config: Architecture, pixel_filters: tuple[str, ...], source: str, pixel_filter: str) -> str:
-    """The name of the pixel filter; UsageError where weights do not take the source, or are not for that filter.
-
-    Args:
-        pixel_filters: that the weights were trained for; () where nothing says so.
-    """
-    kernel = filter_named(pixel_filter).name
-    if not config.takes(source):
-        read = ", ".join(config.encoders)
-        raise UsageError(f"these weights read {read} and would lose what {source} says of lobes; choose other weights")
-    if pixel_filters and kernel not in pixel_filters:
-        filters = f"filter{'s' if len(pixel_filters) > 1 else ''} {', '.join(pixel_filters)}"
-        raise UsageError(f"these weights are trained for the pixel {filters}, not for {kernel!r}")
-    return kernel

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
-
-import numpy as np
-from numpy.typing import NDArray
 
 from mipbake.base.device import PROCESSOR
 from mipbake.base.errors import UsageError
 from mipbake.material import MODELS, Kind, MaterialModel, losses, model_named
 from mipbake.material.aim import LOOKUPS, Sampler
-from mipbake.models.architecture import PAPER, Architecture, Baker, Description, check_counts, layers
+from mipbake.models.architecture import PAPER, Architecture, Baker, Description, Tensors, check_counts, layers
 
 if TYPE_CHECKING:
     from mipbake.models.moment_network import MomentNetwork
@@ -34,6 +30,10 @@ def _known(model: MaterialModel) -> bool:
 FEATURES = ("trilinear", "anisotropic", "bias", "accumulated")
 """What a network may take of a sampler: how near it is to one lookup, and to the most, which sum to 1; its MIP bias;
 and 1 where it averages frames, else 0."""
+
+
+NAMED, MOST_LEVEL = 3, 8
+"""Numbers that tell the decoder a level, and the last level that it distinguishes. Not tuned."""
 
 
 def features(sampler: Sampler) -> tuple[float, ...]:
@@ -85,7 +85,7 @@ class MomentConfig(Architecture):
         check_counts(self)
 
     def taken(self, sampler: Sampler) -> Sampler | None:
-        """The sampler, where the network takes it; else None."""
+        """See Architecture."""
         return sampler if self.samplers else None
 
     def features(self, sampler: Sampler) -> tuple[float, ...]:
@@ -116,13 +116,11 @@ class MomentConfig(Architecture):
 
         return MomentNetwork(self)
 
-    def baker(
-        self, tensors: Mapping[str, NDArray[np.float32]], pixel_filters: tuple[str, ...], device: str = PROCESSOR
-    ) -> Baker:
+    def baker(self, tensors: Tensors, pixel_filters: tuple[str, ...], device: str = PROCESSOR) -> Baker:
         """See Architecture. In the native core."""
         from mipbake.models.moment_baker import MomentBaker
 
-        return MomentBaker.of(self, pixel_filters, tensors, device)
+        return MomentBaker(self, pixel_filters, tensors, device)
 
     def describe(self) -> Description:
         """See Architecture."""

@@ -15,34 +15,15 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from mipbake import material
 from mipbake.base import memory
-from mipbake.material import directions
+from mipbake.material import directions, model_named, regularise
 from mipbake.material.pixel_filter import Wrap, level_sizes, resample_weights
-from mipbake.models.level_filter import FROM_TOP, Lookup, checked_filter, sharpening
+from mipbake.models.architecture import Levels
+from mipbake.models.level_filter import FROM_TOP, Lookup, taps_of_top
 from mipbake.models.lookup_kernel import sharpened
 from mipbake.models.moment_network import MomentNetwork, with_detail
 from mipbake.models.tiles import Piece, add, border_indices, pieces, tile_for
 from mipbake.models.workers import baking_on
-
-
-def bake(
-    network: MomentNetwork,
-    stored: NDArray[np.float32],
-    source: str,
-    target: str,
-    lookup: Lookup,
-    wrap: Wrap,
-    progress: Callable[[float], None],
-) -> list[NDArray[np.float32]]:
-    """See MomentNetwork.bake."""
-    checked_filter(network.config, network.pixel_filters, source, lookup.kernel)
-    made, (read,) = network.config.made_from(target), network.config.encoders
-    levels = bake_levels(network, material.convert(stored, source, read), lookup, wrap, progress=progress)
-    if made == target:
-        return levels
-    converted = [material.regularise(material.convert(level, made, target), target) for level in levels]
-    return directions.agreeing(converted, target, wrap)
 
 
 @dataclass(frozen=True)
@@ -68,18 +49,11 @@ def bake_levels(
     wrap: Wrap,
     tile: int | None = None,
     progress: Callable[[float], None] = lambda _: None,
-) -> list[NDArray[np.float32]]:
-    """Every level of the stack of a material, down to 1 x 1.
+) -> Levels:
+    """`Baker.levels` by the network where it lies: tiles come back from there one by one.
 
     Args:
-        network: the trained network. Tiles are worked on where it lies, and come back one by one.
-        stored: (H, W, R) stored channels of the model that is read, any size.
-        lookup: what the levels are for. wrap: wrap mode along u and along v.
         tile: side of a tile in texels; the result does not depend on it beyond rounding. None: what suits the device.
-        progress: called with the finished share, from 0 to 1.
-
-    Returns:
-        (H_L, W_L, C) float32 stored channels of the model that the network makes, of every level.
     """
     plan = _Plan(network, np.ascontiguousarray(stored), lookup, wrap, tile or tile_for(network.device))
     with baking_on(network.device):
@@ -87,7 +61,7 @@ def bake_levels(
         levels = [top, *(_decoded(plan, latent, level) for level, latent in enumerate(latents, 1))]
     progress(1.0)
     (made,) = network.config.decoders
-    return directions.agreeing([material.regularise(level, made) for level in levels], made, wrap)
+    return directions.agreeing([regularise(level, made) for level in levels], made, wrap)
 
 
 @dataclass(frozen=True)
@@ -125,11 +99,9 @@ def _from_top(plan: _Plan, progress: Callable[[float], None]) -> tuple[NDArray[n
     direct = [_sink(plan, sizes[0], size, kernel, lookup.width(level)) for level, size in finest]
     coarse = len(sizes) > 1 + FROM_TOP
     boxes = [_sink(plan, sizes[0], sizes[1], "box")] if coarse else []
-    taps = resample_weights(16, 16, kernel, "wrap")[1][0]  # the same for every texel of a level 0
-    a = sharpening(0)
-    sharp = np.convolve(taps, [-a, 1 + 2 * a, -a])
+    sharp, taps = taps_of_top(kernel)
     reach = len(taps) // 2 + 1  # and the sharpening's neighbour
-    top = memory.empty((*sizes[0], material.model_named(network.config.decoders[0]).channels))
+    top = memory.empty((*sizes[0], model_named(network.config.decoders[0]).channels))
     first = torch.zeros(1, device=device)
     border = reach + network.halo
     corners = [(y, x) for y in range(0, sizes[0][0], tile) for x in range(0, sizes[0][1], tile)]

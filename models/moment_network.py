@@ -34,17 +34,17 @@ from mipbake.material import Kind, MaterialModel, model_named
 from mipbake.material.aim import DEFAULT_SAMPLER, Sampler
 from mipbake.material.pixel_filter import FILTERS, Wrap, level_sizes
 from mipbake.models import surface
+from mipbake.models.architecture import Levels
 from mipbake.models.base import Network, Stacks
 from mipbake.models.corrections import CRISP, corrected, more, output_count, output_places
 from mipbake.models.dense import SLOPE, dense
 from mipbake.models.direction import OUTPUTS, stretched
+from mipbake.models.level_filter import Lookup
 from mipbake.models.lookup_kernel import periodic_levels
-from mipbake.models.moment_config import MomentConfig
+from mipbake.models.moment_config import MOST_LEVEL, NAMED, MomentConfig
 from mipbake.models.moment_statistics import feature_count, statistics
 from mipbake.models.moments import least_roughness, moment_count, moment_places, moments
 from mipbake.models.parameters import agreeing
-
-_CODE = 3 + len(FILTERS)
 
 _STEP = 0.1
 """Scale of the outputs: it bounds what one step of Adam, which knows no scale, does to glossy highlights."""
@@ -75,7 +75,7 @@ class MomentNetwork(Network):
             nn.Conv2d(inputs + growth * i, growth, 3 if i < config.convolutions else 1) for i in range(layers)
         )
         self.project = nn.Conv2d(inputs + growth * layers, config.latent_channels, 1)
-        seen, wide = feature_count(self.read) + _CODE + config.latent_channels, config.decoder_growth
+        seen, wide = feature_count(self.read) + NAMED + len(FILTERS) + config.latent_channels, config.decoder_growth
         self.decoder = nn.ModuleList(nn.Linear(seen + wide * i, wide) for i in range(config.decoder_layers))
         self.output = nn.Linear(seen + wide * config.decoder_layers, output_count(self.made))
         # Beside the output, so that a network for anisotropic lobes can start from one for round ones.
@@ -154,7 +154,7 @@ class MomentNetwork(Network):
         first, second = (level == 0).float(), (level == 1).float()
         named = latent.new_zeros(len(FILTERS))
         named[list(FILTERS).index(pixel_filter)].fill_(1)
-        code = [first, second, (level.clamp(max=8) - 3) / 4, named.expand(*latent.shape[:-1], len(FILTERS))]
+        code = [first, second, (level.clamp(max=MOST_LEVEL) - 3) / 4, named.expand(*latent.shape[:-1], len(FILTERS))]
         maps = torch.cat([found.features(), *code, latent[..., count:]], -1)
         layers = [cast(nn.Linear, layer) for layer in self.decoder]
         biases = [layer.bias + each for layer, each in zip(layers, of_layers, strict=True)]
@@ -192,21 +192,19 @@ class MomentNetwork(Network):
         levels = [latents[0].new_full((z.shape[1], 1), float(level)) for level, z in enumerate(latents)]
         return torch.cat(latents, 1), torch.cat(levels)
 
-    def bake(
+    def levels(
         self,
         stored: NDArray[np.float32],
-        source: str,
-        target: str,
-        pixel_filter: str,
+        read: str,  # noqa: ARG002
+        made: str,  # noqa: ARG002
+        lookup: Lookup,
         wrap: Wrap,
         progress: Callable[[float], None] = lambda _: None,
-        sampler: Sampler = DEFAULT_SAMPLER,
-    ) -> list[NDArray[np.float32]]:
+    ) -> Levels:
         """See Baker."""
-        from mipbake.models.level_filter import Lookup
-        from mipbake.models.moment_inference import bake
+        from mipbake.models.moment_inference import bake_levels
 
-        return bake(self, stored, source, target, Lookup(pixel_filter, self.config.taken(sampler)), wrap, progress)
+        return bake_levels(self, stored, lookup, wrap, progress=progress)
 
 
 def with_detail(sharp: Tensor, plain: Tensor) -> Tensor:

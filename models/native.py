@@ -9,19 +9,22 @@ that wait for their last part. A graphics card runs csrc/network/images.h instea
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from abc import abstractmethod
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mipbake import _native
+from mipbake.base import memory
 from mipbake.base.device import PROCESSOR, card_of, too_small
-from mipbake.material import MODELS, MaterialModel, most_roughness
-from mipbake.material.pixel_filter import Wrap
+from mipbake.material import MODELS, MaterialModel, directions, model_named, most_roughness
+from mipbake.material.pixel_filter import Wrap, level_sizes
+from mipbake.models.architecture import Architecture, Baker, Levels, Tensors
+from mipbake.models.level_filter import Lookup
 
-Tensors = Mapping[str, NDArray[np.float32]]
 Layer = tuple[NDArray[np.float32], NDArray[np.float32]]
 """(G, C) or (G, C, 3, 3) weights and (G,) biases."""
 
@@ -80,6 +83,9 @@ class Top:
     biases: NDArray[np.float32]
 
 
+Plan: TypeAlias = tuple[_native.Network, Top, Sequence[Sink]]
+"""Packed weights, and all that they are to bake: a sink comes after its source."""
+
 _INDEX = {name: index for index, name in enumerate(MODELS)}  # as csrc/cpu/network_latents.h numbers them
 
 
@@ -89,14 +95,6 @@ def counts(kind: str, read: MaterialModel, made: MaterialModel) -> Counts:
     if (found.read, found.made) != (read.channels, made.channels):
         raise AssertionError(f"csrc/network/models.h has other channels for {read.name} or {made.name}")
     return found
-
-
-def layer(tensors: Tensors, name: str) -> Layer:
-    """A layer by its name; KeyError where there is none."""
-    weight = tensors[f"{name}.weight"]
-    if weight.shape[2:] == (1, 1):
-        weight = weight[..., 0, 0]
-    return np.ascontiguousarray(weight), np.ascontiguousarray(tensors[f"{name}.bias"])
 
 
 def network(
@@ -114,39 +112,61 @@ def network(
     return _native.Network(kind, _INDEX[read.name], _INDEX[made.name], limits, whiten, encoder, project, decoder)
 
 
-def bake(
-    packed: _native.Network,
-    stored: NDArray[np.float32],
-    wrap: Wrap,
-    top: Top,
-    sinks: Sequence[Sink],
-    progress: Callable[[float], None],
-    device: str = PROCESSOR,
-) -> None:
-    """Bakes all that `top` and `sinks` have room for.
+@dataclass(eq=False)
+class NativeBaker(Baker):
+    """Weights in the native core.
 
     Args:
-        stored: (H, W, R) float32 stored channels of the model that is read. wrap: wrap mode along u and along v.
-        progress: called with the finished share, from 0 to 1.
-        device: where the network runs; a graphics card only in a core that was compiled with CUDA.
+        config: the architecture.
+        device: where they bake; a graphics card only in a core that was compiled with CUDA.
 
     Raises:
-        UsageError: the memory of the graphics card is too small.
+        KeyError, ValueError: the tensors do not fit the architecture.
     """
-    given = [(each.source, each.rows, each.columns, each.out, each.biases) for each in sinks]
-    stored = np.ascontiguousarray(stored, np.float32)
-    wraps = wrap[1] == "wrap", wrap[0] == "wrap"
-    running = _native.NetworkBake(packed, stored, *wraps, top.sharp, top.plain, top.biases, top.out, given)
-    if device != PROCESSOR:
-        try:
-            running.run_on_card(card_of(device))
-        except RuntimeError as error:
-            if "out of memory" in str(error):
-                raise too_small(device) from error
-            raise
-        progress(1.0)
-        return
-    done = 0
-    while done < len(stored):
-        done = running.advance()
-        progress(done / len(stored))
+
+    config: Architecture
+    pixel_filters: tuple[str, ...]
+    tensors: Tensors
+    device: str = PROCESSOR
+
+    def layer(self, name: str) -> Layer:
+        """A layer by its name."""
+        weight = self.tensors[f"{name}.weight"]
+        if weight.shape[2:] == (1, 1):
+            weight = weight[..., 0, 0]
+        return np.ascontiguousarray(weight), np.ascontiguousarray(self.tensors[f"{name}.bias"])
+
+    @abstractmethod
+    def plan(self, out: Levels, read: str, made: str, lookup: Lookup, wrap: Wrap) -> Plan:
+        """What makes the levels of `out`, which have their shapes and no values yet."""
+
+    def levels(
+        self,
+        stored: NDArray[np.float32],
+        read: str,
+        made: str,
+        lookup: Lookup,
+        wrap: Wrap,
+        progress: Callable[[float], None] = lambda _: None,
+    ) -> Levels:
+        """See Baker. UsageError: the memory of the graphics card is too small."""
+        out = [memory.empty((*size, model_named(made).channels)) for size in level_sizes(*stored.shape[:2])]
+        packed, top, sinks = self.plan(out, read, made, lookup, wrap)
+        given = [(each.source, each.rows, each.columns, each.out, each.biases) for each in sinks]
+        stored = np.ascontiguousarray(stored, np.float32)
+        wraps = wrap[1] == "wrap", wrap[0] == "wrap"
+        running = _native.NetworkBake(packed, stored, *wraps, top.sharp, top.plain, top.biases, top.out, given)
+        if self.device == PROCESSOR:
+            done = 0
+            while done < len(stored):
+                done = running.advance()
+                progress(done / len(stored))
+        else:
+            try:
+                running.run_on_card(card_of(self.device))
+            except RuntimeError as error:
+                if "out of memory" in str(error):
+                    raise too_small(self.device) from error
+                raise
+            progress(1.0)
+        return directions.agreeing(out, made, wrap)

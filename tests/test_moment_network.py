@@ -17,7 +17,7 @@ from mipbake.material.pixel_filter import FILTERS, filtered_levels, level_sizes
 from mipbake.models.level_filter import width_of
 from mipbake.models.lookup_kernel import periodic_levels, sharpened, sharpening
 from mipbake.models.moment_config import FEATURES, MomentConfig, features
-from mipbake.models.moment_inference import Lookup, bake, bake_levels
+from mipbake.models.moment_inference import Lookup, bake_levels
 from mipbake.models.moment_network import MomentNetwork
 
 from .moment_cases import ANISOTROPIC, READ, SMALL, TORUS, bumpy, config_of, of_model, trained_like
@@ -46,7 +46,7 @@ def test_diffuse_light_is_averaged() -> None:
 def test_colours_of_a_flat_dielectric_are_averages() -> None:
     stored = bumpy(32, 32)
     stored[..., 3], stored[..., 4], stored[..., 5:8] = 0, 0.4, (0, 0, 1)
-    levels = bake(trained_like(), stored, "gltf", "gltf", Lookup("box"), TORUS, lambda _: None)
+    levels = trained_like().bake(stored, "gltf", "gltf", "box", TORUS)
     averages = filtered_levels(stored, "box", TORUS)
     for index, (level, average) in enumerate(zip(levels, averages, strict=True)):
         expected = sharpened(torch.from_numpy(average), index, TORUS).numpy()[..., :4].clip(0, 1)

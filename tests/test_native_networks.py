@@ -35,11 +35,11 @@ MOMENTS, LATENT = (
 
 
 def moments_of(network: MomentNetwork) -> MomentBaker:
-    return MomentBaker.of(network.config, (), {name: each.numpy() for name, each in network.state_dict().items()})
+    return MomentBaker(network.config, (), {name: each.numpy() for name, each in network.state_dict().items()})
 
 
 def latent_of(network: LatentNetwork) -> LatentBaker:
-    return LatentBaker.of(network.config, (), {name: each.numpy() for name, each in network.state_dict().items()})
+    return LatentBaker(network.config, (), {name: each.numpy() for name, each in network.state_dict().items()})
 
 
 @pytest.mark.long
@@ -52,7 +52,7 @@ def latent_of(network: LatentNetwork) -> LatentBaker:
 def test_torch_says_the_same(made: str, height: int, width: int, wrap: Wrap, pixel_filter: str) -> None:
     network = trained_like(config_of(made))
     stored = of_model(network.config.encoders[0], height, width)
-    ours = moments_of(network).levels(stored, Lookup(pixel_filter), wrap)
+    ours = moments_of(network).bake(stored, network.config.encoders[0], made, pixel_filter, wrap)
     theirs = moment_levels(network, stored, Lookup(pixel_filter), wrap)
     assert [level.shape[:2] for level in ours] == level_sizes(height, width)
     difference = off(made, ours, theirs)
@@ -73,19 +73,19 @@ def test_released_weights_of_moments_bake_what_torch_bakes(info, pixel_filter: s
     theirs = moment_levels(load_network(info), stored, lookup, ("clamp", "wrap"))
     baker = load_baker(info)
     assert isinstance(baker, MomentBaker)
-    difference = off(made, baker.levels(stored, lookup, ("clamp", "wrap")), theirs)
+    difference = off(made, baker.levels(stored, read, made, lookup, ("clamp", "wrap")), theirs)
     assert difference.max() < 3e-3
     assert np.quantile(difference, 0.99) < 1e-4
 
 
 @pytest.mark.parametrize("config", [config_of("gltf"), ANISOTROPIC], ids=["round", "anisotropic"])
 def test_threads_do_not_show(config: MomentConfig) -> None:
-    baker, stored = moments_of(trained_like(config)), bumpy(70, 300)
+    baker, stored, (made,) = moments_of(trained_like(config)), bumpy(70, 300), config.decoders
     before, found = _native.num_threads(), []
     try:
         for threads in (1, 2, 5):
             _native.set_num_threads(threads)
-            found.append(baker.levels(stored, Lookup("gaussian"), ("clamp", "wrap")))
+            found.append(baker.bake(stored, "gltf", made, "gaussian", ("clamp", "wrap")))
     finally:
         _native.set_num_threads(before)
     for others in found[1:]:
@@ -97,11 +97,10 @@ SCRIPT = """
 import sys
 import numpy as np
 sys.modules["torch"] = None  # importing it fails
-from mipbake import Sampler, _native
-from mipbake.models.level_filter import Lookup
+from mipbake import _native
 from mipbake.models.registry import find_weights, load_baker
 stored = np.load(sys.argv[1])
-levels = load_baker(find_weights("mipbake-3")).levels(stored, Lookup("gaussian", Sampler()), ("wrap", "clamp"))
+levels = load_baker(find_weights("mipbake-3")).bake(stored, "gltf", "gltf", "gaussian", ("wrap", "clamp"))
 np.savez(sys.argv[2], *levels)
 print(_native.isa())
 """
@@ -161,7 +160,7 @@ def stored_of(model: str, height: int, width: int) -> np.ndarray:
 def test_torch_says_the_same_of_every_model(read: str, made: str) -> None:
     network, stored = latent_like(), stored_of(read, 21, 34)
     theirs = latent_levels(network, stored, ("clamp", "wrap"), source=read, target=made)
-    difference = off(made, latent_of(network).levels(stored, read, made, ("clamp", "wrap")), theirs)
+    difference = off(made, latent_of(network).levels(stored, read, made, Lookup("gaussian"), ("clamp", "wrap")), theirs)
     assert np.quantile(difference, 0.999) < 2e-3
     assert np.quantile(difference, 0.99) < 5e-5
 
@@ -174,7 +173,7 @@ def test_released_weights_bake_what_torch_bakes(info) -> None:
         for made in info.network.decoders:
             stored = of_model(read, 48, 40)
             theirs = latent_levels(network, stored, TORUS, source=read, target=made)
-            difference = off(made, baker.levels(stored, read, made, TORUS), theirs)
+            difference = off(made, baker.levels(stored, read, made, Lookup("gaussian"), TORUS), theirs)
             assert np.quantile(difference, 0.999) < 1e-4
             assert np.quantile(difference, 0.99) < 2e-5
 
@@ -184,4 +183,4 @@ def test_tensors_that_do_not_fit_are_found_before_a_bake() -> None:
     tensors = dict(baker.tensors)
     tensors["encoders.ggx.layers.1.weight"] = tensors["encoders.ggx.layers.1.weight"][:, :-1]
     with pytest.raises(ValueError, match="do not fit"):
-        LatentBaker.of(SMALL, (), tensors)
+        LatentBaker(SMALL, (), tensors)

@@ -12,7 +12,6 @@ import mipbake
 from mipbake import _native
 from mipbake.base.errors import UsageError
 from mipbake.material.pixel_filter import resample_taps, resample_weights
-from mipbake.models.level_filter import Lookup
 from mipbake.models.registry import list_weights, load_baker
 
 from .door_results import DOORS
@@ -75,14 +74,13 @@ def test_blocks_are_the_same(wasm: Any, kind: str, channels: int, size: int) -> 
 
 
 def test_networks_bake_the_same(wasm: Any, by_both: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    from mipbake.models import moment_baker, native
+    from mipbake.models import native
 
     info = next(each for each in list_weights() if each.name == "mipbake-3")
 
     def levels() -> list[np.ndarray]:
-        for module in (native, moment_baker):
-            monkeypatch.setattr(module, "_native", mipbake._native)  # noqa: SLF001
-        return load_baker(info).levels(bumpy(48, 40), Lookup("gaussian"), ("clamp", "wrap"))
+        monkeypatch.setattr(native, "_native", mipbake._native)  # noqa: SLF001
+        return load_baker(info).bake(bumpy(48, 40), "gltf", "gltf", "gaussian", ("clamp", "wrap"))
 
     for found, expected in zip(*by_both(levels), strict=True):
         assert np.abs(found - expected).max() < 3e-3
