@@ -8,7 +8,6 @@ Figures are medians of the runs; sets of more than 1024 x 1024 are baked once.
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import platform
 import shutil
@@ -17,37 +16,27 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
-from timing import arguments, cpu_name
+from timing import MIPBAKE, ROOT, arguments, cpu_name, show
+
+sys.path.append(str(ROOT / "examples"))
+import generate
 
 _OFTEN = 1024
 """Texels a side of the largest set that is baked several times."""
 
-ROOT = Path(__file__).resolve().parent.parent
-
 ENVIRONMENT = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
 """Of the processes: Python keeps what it compiled, as it does for everybody who installed a package."""
-
-
-def generator() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("generate", ROOT / "examples" / "generate.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["generate"] = module
-    spec.loader.exec_module(module)
-    return module
 
 
 def run(arguments: Sequence[str]) -> tuple[float, float, float]:
     """Wall seconds, processor seconds and peak memory in GiB of one `mipbake` process."""
     start = time.perf_counter()
     process = subprocess.Popen(
-        [sys.executable, "-c", "from mipbake.cli.main import run; run()", *arguments],
+        [*MIPBAKE, *arguments],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         cwd=tempfile.gettempdir(),
@@ -63,40 +52,38 @@ def run(arguments: Sequence[str]) -> tuple[float, float, float]:
 
 def write_set(folder: Path, size: int) -> None:
     """hammered_copper, which is periodic, repeated to fill (size, size)."""
-    import OpenImageIO as oiio  # noqa: N813
-
-    folder.mkdir()
     part = min(size, 512)
-    for name, pixels in generator().make("hammered_copper", part, part).items():
-        repeats = (size // part, size // part) + (1,) * (pixels.ndim - 2)
-        image = oiio.ImageBuf(np.ascontiguousarray(np.tile(pixels, repeats)))
-        if not image.write(str(folder / f"{name}.png")):
-            raise SystemExit(image.geterror())
+    maps = generate.make("hammered_copper", part, part)
+    repeats = size // part
+    generate.store({name: np.tile(each, (repeats, repeats, 1)[: each.ndim]) for name, each in maps.items()}, folder)
 
 
-def row(label: str, arguments: Sequence[str], runs: int) -> str:
+def row(label: str, arguments: Sequence[str], runs: int) -> list[str]:
     figures = [run(arguments) for _ in range(runs)]
-    wall, cpu, memory = (statistics.median(column) for column in zip(*figures, strict=True))
-    return f"| {label} | {wall:.2f} | {cpu:.2f} | {memory:.2f} |"
+    return [label, *(f"{statistics.median(column):.2f}" for column in zip(*figures, strict=True))]
+
+
+def rows(sizes: Sequence[int], often: int) -> Iterator[list[str]]:
+    """Every process, those of small sets so often."""
+    yield row("--help", ["--help"], often)
+    with tempfile.TemporaryDirectory() as folder:
+        for size in sizes:
+            source = Path(folder) / f"copper_{size}"
+            write_set(source, size)
+            if size == sizes[0]:  # loads every module once, so that each is compiled when time counts
+                run(["bake", str(source), "-o", f"{folder}/out"])
+            runs = often if size <= _OFTEN else 1
+            yield row(f"inspect, {size} x {size}", ["inspect", str(source)], runs)
+            for method in ("linear", "lean", "neural", "auto"):
+                command = ["bake", str(source), "-o", f"{folder}/out", "--method", method]
+                yield row(f"bake {method}, {size} x {size}", command, runs)
+            shutil.rmtree(source)
 
 
 def main() -> None:
     options = arguments(__doc__, sizes=(1024, 4096, 8192), runs=3)
     print(f"{cpu_name()}, Python {platform.python_version()}\n")
-    print("| process | wall s | processor s | peak GiB |\n|---|---|---|---|")
-    print(row("--help", ["--help"], options.runs), flush=True)
-    with tempfile.TemporaryDirectory() as folder:
-        for size in options.sizes:
-            source = Path(folder) / f"copper_{size}"
-            write_set(source, size)
-            if size == options.sizes[0]:  # loads every module once, so that each is compiled when time counts
-                run(["bake", str(source), "-o", f"{folder}/out"])
-            runs = options.runs if size <= _OFTEN else 1
-            print(row(f"inspect, {size} x {size}", ["inspect", str(source)], runs), flush=True)
-            for method in ("linear", "lean", "neural", "auto"):
-                command = ["bake", str(source), "-o", f"{folder}/out", "--method", method]
-                print(row(f"bake {method}, {size} x {size}", command, runs), flush=True)
-            shutil.rmtree(source)
+    show(["process", "wall s", "processor s", "peak GiB"], rows(options.sizes, options.runs))
 
 
 if __name__ == "__main__":

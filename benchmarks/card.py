@@ -12,14 +12,13 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from shading import calls
-from timing import Timing, arguments, cpu_name, measure
-from training_step import PAPER
+from timing import CONFIGS, arguments, cpu_name, measure, show
 
 from mipbake import _native
 from mipbake.models.registry import find_weights, load_baker
@@ -30,7 +29,7 @@ from mipbake.training.config import DataConfig, read_config
 from mipbake.training.data import load_materials
 
 SIZES = 1024, 4096
-CONFIGS = "paper-ggx", "paper-beckmann", "paper-cross", "mipbake-1"
+TRAININGS = "paper-ggx", "paper-beckmann", "paper-cross", "mipbake-1"
 _WARM = 30  # steps that are not counted
 _CAPTURED = 8  # sets of lobes for the configurations that read them
 
@@ -64,7 +63,7 @@ def baking(device: torch.device) -> dict[str, Callable[[], object]]:
 
 def step_seconds(name: str, steps: int, device: torch.device) -> float:
     """Seconds of a step of a configuration, with materials of the project's own generator."""
-    config = read_config(PAPER.with_name(f"{name}.toml"))
+    config = read_config(CONFIGS / f"{name}.toml")
     captured = min(config.data.captured_sets, _CAPTURED)
     data = DataConfig(procedural_sets=16, captured_sets=captured)
     config = dataclasses.replace(config, data=dataclasses.replace(data, mixed=config.data.mixed))
@@ -82,32 +81,35 @@ def step_seconds(name: str, steps: int, device: torch.device) -> float:
     return (time.perf_counter() - began) / steps
 
 
-def row(name: str, timings: dict[str, Timing], unit: float) -> str:
-    """A line of the table: both medians, their spreads, and how many times faster the card is."""
-    card, processor = (timings[f"{name} on the {where}"] for where in ("card", "processor"))
-    cells = [f"{each.median * unit:.3g} ms ({each.spread:.0%})" for each in (card, processor)]
-    return f"| {name} | {' | '.join(cells)} | {processor.median / card.median:.1f} |"
+def rows(card: torch.device, rounds: int) -> Iterator[list[str]]:
+    """What is timed: both medians, their spreads, and how many times faster the card is."""
+    places = {"card": card, "processor": torch.device("cpu")}
+    for made in (shading, baking):
+        both = {where: made(device) for where, device in places.items()}
+        for name in both["card"]:
+            found = measure({where: both[where][name] for where in places}, rounds, torch.cuda.synchronize)
+            cells = [f"{each.median * 1e3:.3g} ms ({each.spread:.0%})" for each in found.values()]
+            yield [name, *cells, f"{found['processor'].median / found['card'].median:.1f}"]
+
+
+def steps(card: torch.device, count: int) -> Iterator[list[str]]:
+    """How long a step of each training takes."""
+    for name in TRAININGS:
+        seconds = step_seconds(name, count, card)
+        yield [name, f"{seconds * 1e3:.2f} ms", f"{seconds * 310_000 / 3600:.2f}"]
 
 
 def main() -> None:
     """Prints the tables."""
     options = arguments(__doc__, device="cuda", rounds=5, steps=300)
     card = loop.device_named(options.device)
-    places = {"card": card, "processor": torch.device("cpu")}
     print(
         f"{torch.cuda.get_device_name(card)}, torch {torch.__version__}; {cpu_name()}, {_native.isa()}, "
         f"{_native.num_threads()} threads\n"
     )
-    print("| what | card | processor | times faster |\n|---|---|---|---|")
-    for made in (shading, baking):
-        both = {where: made(device) for where, device in places.items()}
-        for name in both["card"]:
-            candidates = {f"{name} on the {where}": calls[name] for where, calls in both.items()}
-            print(row(name, measure(candidates, options.rounds, torch.cuda.synchronize), 1e3), flush=True)
-    print("\n| a step of | card | hours of 310,000 steps |\n|---|---|---|")
-    for name in CONFIGS:
-        seconds = step_seconds(name, options.steps, card)
-        print(f"| {name} | {seconds * 1e3:.2f} ms | {seconds * 310_000 / 3600:.2f} |", flush=True)
+    show(["what", "card", "processor", "times faster"], rows(card, options.rounds))
+    print()
+    show(["a step of", "card", "hours of 310,000 steps"], steps(card, options.steps))
 
 
 if __name__ == "__main__":

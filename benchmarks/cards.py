@@ -15,15 +15,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from timing import arguments, keep
+from timing import CONFIGS, arguments, keep
 
 from mipbake.models.registry import WeightsInfo, list_weights, load_network
 from mipbake.training.config import TrainingConfig, read_config
 from mipbake.training.data import load_materials
 from mipbake.training.export import card
 from mipbake.training.validation import Validator
-
-CONFIGS = Path(__file__).resolve().parent.parent / "training" / "configs"
 
 
 def config_of(info: WeightsInfo) -> TrainingConfig:

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from results_methods import bakes, specs
 from results_sets import InModel, boosted, captured, correlated, folder_sets, in_model, middle
 from st_lpips import INSTALL, ShiftTolerantLpips, weights_file
-from timing import arguments, keep
+from timing import BASELINES, arguments, keep
 
 from mipbake.baking.pipeline import DEFAULT_FILTER
 from mipbake.comparing.pictures import RenderSettings, render_view
@@ -37,7 +37,6 @@ from mipbake.quality import environment, texture_space
 from mipbake.quality.figures import Candidate
 from mipbake.quality.metrics.images import displayed
 
-BASELINES = Path(__file__).resolve().parent / "baselines"
 BOOSTS = (0, 1, 6)
 """How often materials are boosted. Alpha is multiplied by 0.78 and slopes by 1.1 each time."""
 

@@ -18,7 +18,7 @@ import torch
 from mipnet_network import register
 from numpy.typing import NDArray
 from results_sets import captured, folder_sets, in_model
-from timing import arguments, keep
+from timing import BASELINES, arguments, keep
 
 from mipbake.baking.pipeline import DEFAULT_FILTER
 from mipbake.models.registry import WEIGHTS_FOLDER, WeightsInfo, default_weights, find_weights, load_network
@@ -28,7 +28,6 @@ from mipbake.quality.reference.pair_sets import weighted_pair_set
 from mipbake.shading import shade
 from mipbake.training.captured import MODEL as CAPTURED
 
-BASELINES = Path(__file__).resolve().parent / "baselines"
 MODELS = ("ggx", "beckmann")
 GENERATED, GENERATED_SIZE = 8, 512
 SIDE = 4

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from films import LIGHTINGS
 from results_sets import folder_sets
-from timing import arguments, keep, table
+from timing import arguments, expect, keep, table
 
 import mipbake
 from mipbake import TextureSet
@@ -60,8 +60,10 @@ Bakes = dict[Sampler, dict[str, MipStack]]
 def main() -> None:
     names = (*[each for each in PRESETS if each not in ("arnold", "renderman", "filament")], GLB)
     options = arguments(__doc__, "materials", results=None, only=(), presets=names, method="auto", films=False)
-    rows = []
-    for index, (name, read) in enumerate(folder_sets(options.materials).items()):
+    sets, rows = folder_sets(options.materials), []
+    expect("set", options.only, sets)
+    expect("preset", options.presets, names)
+    for index, (name, read) in enumerate(sets.items()):
         if options.only and name not in options.only:
             continue
         texture_set, bakes = read(), Bakes()

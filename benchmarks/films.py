@@ -25,7 +25,7 @@ from statistics import fmean
 from typing import Any
 
 from results_sets import bumps, folder_sets
-from timing import keep, parser_of
+from timing import arguments, effort_of, expect, keep
 
 import mipbake
 from mipbake.baking.methods import OPTIONS
@@ -180,15 +180,12 @@ def _rounded(value: float) -> float:
 
 def main() -> None:
     """Measures all sets that FOLDER does not hold yet."""
-    parser = parser_of(__doc__, "materials", "folder", results=None, plans=(), **asdict(FilmsEffort()))
-    options = parser.parse_args()
-    effort = FilmsEffort(options.height, options.frames, options.passes, tuple(options.methods))
+    options = arguments(__doc__, "materials", "folder", results=None, plans=(), **asdict(FilmsEffort()))
+    effort = effort_of(FilmsEffort, options)
     check_color_video_vdp()
     sets = folder_sets(options.materials)
-    for kind, names, known in (("set", options.plans, sets), ("method", options.methods, METHODS)):
-        unknown = [name for name in names if name not in known]
-        if unknown:
-            parser.error(f"no {kind} {', '.join(unknown)}: expected some of {', '.join(known)}")
+    expect("set", options.plans, sets)
+    expect("method", options.methods, METHODS)
     options.folder.mkdir(parents=True, exist_ok=True)
     found = {}
     for index, name in enumerate(sorted(sets)):

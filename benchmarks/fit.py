@@ -16,7 +16,7 @@ import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,11 +25,11 @@ from fit_tables import FITTED, METHODS, OTHERS, START
 from numpy.typing import NDArray
 from PIL import Image
 from results_sets import folder_sets, middle
-from timing import keep, parser_of
+from timing import arguments, effort_of, expect, keep
 
 import mipbake
 from mipbake import MipStack, TextureSet
-from mipbake.fitting import Frame, Levels, View, standard_views
+from mipbake.fitting import Levels, View, standard_views
 from mipbake.fitting.named import RendererChoice
 from mipbake.fitting.parameters import Parameters
 from mipbake.fitting.process import ProcessRenderer as Renderer
@@ -68,8 +68,7 @@ class Effort:
     """How thoroughly.
 
     Args:
-        size: texels a side of the middle of each set, which is shown once; 0: the whole set, with its own wrap.
-        repeat: 1: the middle repeats without end, seams included, in place of that.
+        size: texels a side of the middle of each set, which repeats without end, seams included.
         steps: of each fit at most, so that figures do not depend on how busy the machine is.
         each: views at each level of detail to fit to. As many more as the command line takes are held out.
         measured: views at each scale to measure in.
@@ -78,7 +77,6 @@ class Effort:
     """
 
     size: int = 256
-    repeat: int = 1
     steps: int = 4000
     each: int = 8
     measured: int = 8
@@ -86,12 +84,8 @@ class Effort:
 
 
 def texture_set_of(load: Callable[[], TextureSet], effort: Effort) -> TextureSet:
-    """A set, or its middle."""
-    whole = load()
-    if not effort.size:
-        return whole
-    part = middle(whole, effort.size)
-    return replace(part, wrap=("wrap", "wrap")) if effort.repeat else part
+    """The middle of a set."""
+    return replace(middle(load(), effort.size), wrap=("wrap", "wrap"))
 
 
 def levels_of(stored: Sequence[Image3], model: str, wrap: tuple[str, str]) -> Levels:
@@ -108,20 +102,6 @@ def reference(renderer: Renderer, source: Levels, view: View, lod: float, effort
     return np.asarray(found.halves().mean(0))
 
 
-def inside(frame: Frame, endless: bool) -> NDArray[np.bool_]:
-    """(H, W) pixels that count: those that show the maps, and all of whose neighbours do where the plane has an edge.
-
-    A pixel at an edge shows part of what lies behind the plane, in the reference alone.
-    """
-    shown = np.asarray(frame.id) > 0
-    if endless:
-        return shown
-    padded = np.pad(shown, 1, mode="edge")  # the border of a picture is no edge of the plane
-    height, width = shown.shape
-    parts = [padded[row : row + height, column : column + width] for row in range(3) for column in range(3)]
-    return np.asarray(np.logical_and.reduce(parts))
-
-
 def measured(
     renderer: Renderer, stacks: Mapping[str, MipStack], texture_set: TextureSet, effort: Effort
 ) -> dict[str, list[dict[str, Any]]]:
@@ -133,7 +113,7 @@ def measured(
     found: dict[str, list[dict[str, Any]]] = {}
     for lod in sorted({min(each, float(last)) for each in LODS}):
         for view in standard_views(size, texture_set.wrap, effort.measured, HELD_OUT, [lod]):
-            pixels = inside(renderer.render(levels[START], view), texture_set.wrap == ("wrap", "wrap"))
+            pixels = np.asarray(renderer.render(levels[START], view).id) > 0  # those that show the maps
             if not pixels.any():
                 continue
             first, second = (reference(renderer, source, view, lod, effort, seed)[pixels][None] for seed in ESTIMATES)
@@ -209,23 +189,19 @@ def one(name: str, renderer: Renderer, texture_set: TextureSet, effort: Effort, 
 
 def main() -> None:
     """Measures what RESULTS does not hold yet."""
-    parser = parser_of(
-        __doc__, "materials", "pictures", results=None, sets=(), renderers=tuple(RENDERERS), **asdict(Effort())
-    )
-    options = parser.parse_args()
+    more = asdict(Effort())
+    options = arguments(__doc__, "materials", "pictures", results=None, sets=(), renderers=tuple(RENDERERS), **more)
     folder, pictures = options.materials.resolve(), options.pictures.resolve()
     results = options.results and options.results.resolve()
     os.environ.setdefault("NODE_PATH", str(Path(__file__).parent / "engines/node_modules"))  # has three.js
-    effort = Effort(**{each.name: getattr(options, each.name) for each in fields(Effort)})
-    known = folder_sets(folder)
-    unknown = [name for name in options.sets if name not in known]
-    if unknown or not options.sets:
-        parser.error(f"no set {', '.join(unknown) or 'is named'}: expected some of {', '.join(known)}")
+    effort, known = effort_of(Effort, options), folder_sets(folder)
+    expect("set", options.sets or ["is named"], known)
+    expect("renderer", options.renderers, RENDERERS)
     data: dict[str, Any] = {"effort": asdict(effort), "renderers": {}}
     if results and results.exists():
         data = json.loads(results.read_text(encoding="utf-8"))
         if data["effort"] != asdict(effort):
-            parser.error(f"{results} was measured with {data['effort']}: give the same options, or another file")
+            raise SystemExit(f"{results} was measured with {data['effort']}: give the same options, or another file")
     for renderer_name in options.renderers:
         found = data["renderers"].setdefault(renderer_name, {})
         missing = [name for name in options.sets if name not in found]

@@ -13,14 +13,14 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from contextlib import closing
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from fit import FILTER, LEARNED, Effort, measured, texture_set_of
 from fit_slow_tables import gains_table, words
 from fit_tables import OTHERS, START
 from results_sets import folder_sets
-from timing import keep, parser_of
+from timing import arguments, effort_of, expect, keep
 
 import mipbake
 from mipbake import MipStack
@@ -90,11 +90,10 @@ def fitted(
 
 def main() -> None:
     """Measures what RESULTS does not hold."""
-    parser = parser_of(__doc__, "materials", results=None, sets=SETS, **asdict(Pace()), **asdict(Effort()))
-    options = parser.parse_args()
-    effort = Effort(**{each.name: getattr(options, each.name) for each in fields(Effort)})
-    pace = Pace(**{each.name: getattr(options, each.name) for each in fields(Pace)})
+    options = arguments(__doc__, "materials", results=None, sets=SETS, **asdict(Pace()), **asdict(Effort()))
+    effort, pace = effort_of(Effort, options), effort_of(Pace, options)
     known = folder_sets(options.materials.resolve())
+    expect("set", options.sets, known)
     data: dict[str, Any] = {"pace": asdict(pace), "effort": asdict(effort), "sets": {}}
     with closing(RendererChoice("gl", "clearcoat").made()) as renderer:
         for name in options.sets:

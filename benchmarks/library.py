@@ -16,7 +16,6 @@ import os
 import random
 import signal
 import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -25,9 +24,8 @@ from pathlib import Path
 from typing import Any
 
 from library_sets import make_library
-from timing import arguments, keep
+from timing import MIPBAKE, arguments, keep
 
-COMMAND = [sys.executable, "-c", "from mipbake.cli.main import run; run()", "bake"]
 SIGNALS = (signal.SIGKILL, signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 
 
@@ -67,7 +65,7 @@ class Baker:
         options = ["-r", "-o", str(self.out), *self.where, "--method", "linear", "--json-log", str(self.log)]
         begun = time.monotonic()
         process = subprocess.Popen(
-            [*COMMAND, str(self.library), *options, "--quiet"],
+            [*MIPBAKE, "bake", str(self.library), *options, "--quiet"],
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
             start_new_session=True,

@@ -27,6 +27,7 @@ import numpy as np
 import torch
 from mipnet_network import KINDS, TARGETS, MipnetNetwork, register
 from safetensors.torch import save
+from timing import BASELINES, CONFIGS
 
 from mipbake.base.allocator import keep_freed_memory
 from mipbake.base.errors import InputError
@@ -39,11 +40,8 @@ from mipbake.training.data import load_materials
 from mipbake.training.loop import LAST, TrainingState, load_state, threads_beside_batches, train
 from mipbake.training.validation import Validator
 
-CONFIGS = Path(__file__).resolve().parent.parent / "training" / "configs"
 OURS = {"gltf": "mipbake-1", "gltf-anisotropic": "mipbake-1", "ggx": "mipbake-1-ggx", "beckmann": "mipbake-1-beckmann"}
 """Target to the configuration whose data, loss and length are taken."""
-
-BASELINES = Path(__file__).resolve().parent / "baselines"
 
 
 def configured(ours: TrainingConfig, target: str, steps: int | None) -> TrainingConfig:

@@ -13,13 +13,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import torch
 from mipnet_network import SingleLightsConfig, register
 from stability import PAPER
-from timing import arguments, keep
+from timing import BASELINES, arguments, keep
 from torch import Tensor
 
 from mipbake.models.base import Network
@@ -32,7 +31,6 @@ from mipbake.training.data import load_materials
 from mipbake.training.loss import SingleLightsBatch, SingleLightsLossConfig, trilinear
 from mipbake.training.validation import Validator
 
-BASELINES = Path(__file__).resolve().parent / "baselines"
 MODEL = "ggx"
 
 

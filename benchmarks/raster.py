@@ -14,11 +14,11 @@ the worst order for a rasterizer.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import torch
-from timing import Timing, arguments, measure, on_device
+from timing import Timing, arguments, measure, on_device, show
 from torch import Tensor
 
 from mipbake import _native, raster
@@ -115,19 +115,19 @@ def main() -> None:
         f"{options.side} x {options.side} pixels, {covered:.0%} covered; "
         f"{len(chain.mesh.tri):,} triangles, {seen:,} seen; medians of {options.rounds} rounds\n"
     )
-    print("| what | time | spread |\n|---|---|---|")
-    both = {"forward": lambda: chain.whole(backward=False), "forward + backward": chain.whole}
-    for name, each in timed(both).items():
-        print(f"| all three, {name} | {each.median * 1e3:.1f} ms | {each.spread:.0%} |", flush=True)
+    found = timed({"forward": lambda: chain.whole(backward=False), "forward + backward": chain.whole})
+    rows = [[f"all three, {name}", f"{each.median * 1e3:.1f} ms", f"{each.spread:.0%}"] for name, each in found.items()]
+    show(["what", "time", "spread"], rows)
+    print()
 
-    print(
-        "\n| 8 x 8 grids, all three forward + backward | side by side | stacked in depth | ratio |\n|---|---|---|---|"
-    )
-    for copies in (1, 64, 256, 1024):
-        chains = {s: Chain(repeated_grids(copies, s == "stacked", device), options.side) for s in ("beside", "stacked")}
-        times = timed({name: c.whole for name, c in chains.items()})
-        beside, stacked = (times[name].median * 1e3 for name in ("beside", "stacked"))
-        print(f"| {copies} | {beside:.1f} ms | {stacked:.1f} ms | {stacked / beside:.2f} |", flush=True)
+    def grids() -> Iterator[list[str]]:
+        for copies in (1, 64, 256, 1024):
+            chains = [Chain(repeated_grids(copies, stacked, device), options.side) for stacked in (False, True)]
+            found = timed({"beside": chains[0].whole, "stacked": chains[1].whole})
+            beside, stacked = (each.median * 1e3 for each in found.values())
+            yield [str(copies), f"{beside:.1f} ms", f"{stacked:.1f} ms", f"{stacked / beside:.2f}"]
+
+    show(["8 x 8 grids, all three forward + backward", "side by side", "stacked in depth", "ratio"], grids())
 
 
 if __name__ == "__main__":

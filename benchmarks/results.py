@@ -31,7 +31,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from timing import keep, parser_of
+from timing import effort_of, expect, keep, parser_of
 
 if TYPE_CHECKING:
     from results_measure import Asked, Plan, ResultsEffort
@@ -95,14 +95,13 @@ def run(
     )  # fmt: skip
     parser.add_argument("--weights", type=Path, nargs="+", default=[], help="folders of more weights")
     parser.add_argument("--without", nargs="+", default=[], metavar="WEIGHTS", help="networks that are not measured")
-    parser.add_argument("--only", nargs="+", help="names of sets")
+    parser.add_argument("--only", nargs="+", default=[], help="names of sets")
     for field in dataclasses.fields(ResultsEffort):
         parser.add_argument(f"--{field.name.replace('_', '-')}", type=int, default=field.default)
     options = parser.parse_args()
-    effort = ResultsEffort(**{field.name: getattr(options, field.name) for field in dataclasses.fields(ResultsEffort)})
-    sets = folder_sets(options.sets)
-    if options.only:
-        sets = {name: load for name, load in sets.items() if name in options.only}
+    effort, sets = effort_of(ResultsEffort, options), folder_sets(options.sets)
+    expect("set", options.only, sets)
+    sets = {name: load for name, load in sets.items() if not options.only or name in options.only}
     asked = Asked(sets, options.methods, options.weights, effort)
     failed = []
     for kind in options.kinds:

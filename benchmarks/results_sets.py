@@ -86,6 +86,8 @@ def middle(texture_set: TextureSet, side: int) -> InModel:
 
 def folder_sets(folder: Path, holding: str = "") -> Sets:
     """Every sub-folder is a set; with `holding`, only a sub-folder that has a file of this name."""
+    if not folder.is_dir():
+        raise SystemExit(f"{folder}: expected a folder of texture sets")
     paths = [path for path in sorted(folder.iterdir()) if path.is_dir() and (path / holding).exists()]
     return {path.name: lambda path=path: mipbake.load(path) for path in paths}  # type: ignore[misc]
 

@@ -14,14 +14,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from pathlib import Path
 from statistics import fmean, median, stdev
 from typing import Any
 
 import numpy as np
 import torch
 from stability_networks import KINDS, LinearNetwork, growth
-from timing import arguments, keep, table
+from timing import CONFIGS, arguments, keep, table
 
 from mipbake import material
 from mipbake.training import loop
@@ -31,7 +30,7 @@ from mipbake.training.data import Materials, load_materials
 from mipbake.training.procedural import MODEL, procedural_set
 from mipbake.training.validation import ValidationEffort, Validator
 
-PAPER = Path(__file__).resolve().parent.parent / "training" / "configs" / "paper-ggx.toml"
+PAPER = CONFIGS / "paper-ggx.toml"
 PAPERS_RATE, HURRIED_RATE = 5e-5, 1e-3
 TRAININGS = (
     ("linear", PAPERS_RATE),

@@ -21,10 +21,9 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from bake import ENVIRONMENT, generator
-from timing import arguments, keep
+from bake import ENVIRONMENT, generate
+from timing import MIPBAKE, arguments, keep
 
-COMMAND = [sys.executable, "-c", "from mipbake.cli.main import run; run()", "bake"]
 JOBS = (1, 2)
 FORMATS = ("exr:half", "png", "ktx2:bc", "ktx2:uastc")
 FORMATS_SIZE = 1024
@@ -39,9 +38,8 @@ LARGE, LARGE_SETS = "hammered_copper", 2
 def make(root: Path, size: int, count: int) -> None:
     """So many sets of one size."""
     made = root.with_name(f"{root.name}-examples")
-    module = generator()
-    for name in module.SETS if size in SETS else (LARGE,):
-        module.write(name, made / name, size, size)
+    for name in generate.SETS if size in SETS else (LARGE,):
+        generate.write(name, made / name, size, size)
     examples = sorted(path for path in made.iterdir() if path.is_dir())
     for index in range(count):
         shutil.copytree(examples[index % len(examples)], root / f"set{index:02}")
@@ -73,7 +71,7 @@ def maketx(library: Path, out: Path, jobs: int) -> float:
 def bake(library: Path, out: Path, method: str, jobs: int, container: str = FORMATS[0]) -> float:
     """Seconds that a batch takes."""
     options = ["-r", "-o", str(out), "-j", str(jobs), "--method", method, "--format", container, "--quiet"]
-    return timed([[*COMMAND, str(library), *options]], 1)
+    return timed([[*MIPBAKE, "bake", str(library), *options]], 1)
 
 
 def rates(library: Path, sets: int, program: str, container: str = FORMATS[0]) -> dict[str, float]:

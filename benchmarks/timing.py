@@ -1,17 +1,29 @@
-"""What every benchmark here shares: arguments, fair timing of candidates against each other, and the machine's name."""
+"""What the benchmarks share: arguments, fair timing of candidates beside each other, tables, the machine's name."""
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import platform
 import statistics
+import sys
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, fields
+from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+ROOT = Path(__file__).resolve().parent.parent
+CONFIGS, BASELINES = ROOT / "training" / "configs", ROOT / "benchmarks" / "baselines"
+
+MIPBAKE = (sys.executable, "-c", "from mipbake.cli.main import run; run()")
+"""The command `mipbake`, as a process of its own."""
+
+Effort = TypeVar("Effort")
 
 
 def parser_of(doc: str | None, *places: str, **defaults: Any) -> argparse.ArgumentParser:
@@ -21,7 +33,7 @@ def parser_of(doc: str | None, *places: str, **defaults: Any) -> argparse.Argume
         doc: what `--help` shows, the docstring of the script.
         places: names of paths that must be given, in order.
         defaults: name to default of each option. An option has its default's type: False is a switch, a tuple takes
-            one value or more, and None is a path that may be left out.
+            one value or more, and None is a path that may be left out. Numbers are at least 0.
     """
     parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
     for place in places:
@@ -30,20 +42,44 @@ def parser_of(doc: str | None, *places: str, **defaults: Any) -> argparse.Argume
         flag = f"--{name.replace('_', '-')}"
         if value is False:
             parser.add_argument(flag, action="store_true")
-        elif isinstance(value, tuple):
-            kind = type(value[0]) if value else str
-            parser.add_argument(flag, type=kind, nargs="+", default=value, help="(default: %(default)s)")
+        elif value is None:
+            parser.add_argument(flag, type=Path)
         else:
-            kind = Path if value is None else type(value)
-            parser.add_argument(
-                flag, type=kind, default=value, help=None if value is None else "(default: %(default)s)"
-            )
+            several = isinstance(value, tuple)
+            kind = type((value or ("",))[0]) if several else type(value)
+            reads = kind if kind is str else _number(kind)
+            more = {"nargs": "+"} if several else {}
+            parser.add_argument(flag, type=reads, default=value, help="(default: %(default)s)", **more)
     return parser
+
+
+def _number(kind: Callable[[str], Any]) -> Callable[[str], Any]:
+    """Reads a finite number that is at least 0."""
+
+    def read(text: str) -> Any:
+        with suppress(ValueError):
+            if 0 <= (value := kind(text)) < math.inf:
+                return value
+        raise argparse.ArgumentTypeError(f"expected a {'whole ' * (kind is int)}number of at least 0, got {text!r}")
+
+    return read
 
 
 def arguments(doc: str | None, *places: str, **defaults: Any) -> argparse.Namespace:
     """A script's arguments, as `parser_of` reads them."""
     return parser_of(doc, *places, **defaults).parse_args()
+
+
+def effort_of(kind: type[Effort], options: argparse.Namespace) -> Effort:
+    """The dataclass whose fields are options. A tuple stays one."""
+    given = {field.name: getattr(options, field.name) for field in fields(kind)}  # type: ignore[arg-type]
+    return kind(**{name: tuple(value) if isinstance(value, list) else value for name, value in given.items()})
+
+
+def expect(what: str, names: Iterable[str], known: Collection[str]) -> None:
+    """Ends the program where names are unknown, and says which there are; `what` is named."""
+    if unknown := [name for name in names if name not in known]:
+        raise SystemExit(f"no {what} {', '.join(unknown)}: expected some of {', '.join(known)}")
 
 
 @dataclass(frozen=True)
@@ -52,10 +88,6 @@ class Timing:
 
     median: float
     spread: float
-
-    def text(self, count: int) -> str:
-        """Milliseconds, and nanoseconds for each of `count` things."""
-        return f"{self.median * 1e3:.1f} ms ({self.median / count * 1e9:.1f} ns, spread {self.spread:.0%})"
 
 
 def measure(
@@ -96,9 +128,20 @@ def cpu_name() -> str:
     return f"{name}, {os.cpu_count()} cores"
 
 
-def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+def lines(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> Iterator[str]:
+    """The lines of a table, in Markdown."""
+    return (f"| {' | '.join(row)} |" for row in chain((heads, ["---"] * len(heads)), rows))
+
+
+def table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Markdown."""
-    return "\n".join(f"| {' | '.join(row)} |" for row in (heads, ["---"] * len(heads), *rows))
+    return "\n".join(lines(heads, rows))
+
+
+def show(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    """Prints a table, each row as soon as it is measured."""
+    for line in lines(heads, rows):
+        print(line, flush=True)
 
 
 def keep(found: Any, file: Path | None) -> None:

@@ -13,10 +13,9 @@ import platform
 import statistics
 import time
 from collections import defaultdict
-from pathlib import Path
 
 import torch
-from timing import arguments
+from timing import CONFIGS, arguments
 
 from mipbake.base.allocator import keep_freed_memory
 from mipbake.training import loop, loss
@@ -24,7 +23,7 @@ from mipbake.training.batches import batches
 from mipbake.training.config import DataConfig, TrainingConfig, read_config
 from mipbake.training.data import Materials, draw_crops, load_materials, step_generator
 
-PAPER = Path(__file__).resolve().parent.parent / "training" / "configs" / "paper-ggx.toml"
+PAPER = CONFIGS / "paper-ggx.toml"
 
 
 class Stopwatch:

@@ -7,7 +7,6 @@ python benchmarks/web.py [--size 1024] [--rounds 3] [--results FILE]     after p
 from __future__ import annotations
 
 import gzip
-import json
 import subprocess
 import sys
 import tempfile
@@ -15,12 +14,11 @@ import time
 from pathlib import Path
 
 import numpy as np
-from timing import arguments
+from timing import ROOT, arguments, keep
 
 import mipbake
 from mipbake import _native
 
-ROOT = Path(__file__).resolve().parent.parent
 WEB = ROOT / "web"
 sys.path += [str(ROOT / "examples"), str(WEB)]
 import generate  # noqa: E402
@@ -30,9 +28,9 @@ _NODE = """
 import { readFileSync, writeFileSync } from 'node:fs';
 import { bake } from '%(package)s';
 const size = %(size)d, maps = {};
-for (const [name, channels] of [['baseColor', 3], ['normal', 3], ['roughness', 1], ['metallic', 1]]) {
-    const data = new Uint8Array(readFileSync(`${process.argv[1]}/${name}`));
-    maps[name] = { data, width: size, height: size, channels };
+for (const [role, channels] of [['base_color', 3], ['normal', 3], ['roughness', 1], ['metallic', 1]]) {
+    const data = new Uint8Array(readFileSync(`${process.argv[1]}/${role}`));
+    maps[role === 'base_color' ? 'baseColor' : role] = { data, width: size, height: size, channels };
 }
 const started = performance.now(), before = process.cpuUsage();
 const stack = await bake(maps, { threads: %(threads)d });
@@ -47,19 +45,14 @@ def main() -> None:
     """Measures, in turns."""
     options = arguments(__doc__, size=1024, rounds=3, results=None)
     _native.set_num_threads(1)
-    made = generate.quantised(generate.SETS["lacquered_leather"](options.size, options.size))
     seconds: dict[str, list[float]] = {"node": [], "native": []}
     walls: dict[int, list[float]] = {1: [], 2: []}
     with tempfile.TemporaryDirectory() as scratch:
-        generate.store(made, Path(scratch) / "leather")
+        maps = generate.make("lacquered_leather", options.size, options.size)
+        generate.store(maps, Path(scratch) / "leather")
         texture_set = mipbake.load(Path(scratch) / "leather")
-        for name, role in (
-            ("baseColor", "base_color"),
-            ("normal", "normal"),
-            ("roughness", "roughness"),
-            ("metallic", "metallic"),
-        ):
-            (Path(scratch) / name).write_bytes(_bytes(Path(scratch) / "leather", role).tobytes())
+        for role, pixels in maps.items():
+            (Path(scratch) / role).write_bytes(pixels.tobytes())
         for _ in range(options.rounds):
             before = time.process_time()
             stack = mipbake.bake(texture_set, "neural")
@@ -82,9 +75,7 @@ def main() -> None:
         "two workers": float(np.median(walls[2]) / np.median(walls[1])),
         "largest difference": float(np.abs(ours - theirs).max()),
     }
-    print(json.dumps(found, indent=2))
-    if options.results:
-        options.results.write_text(json.dumps(found), encoding="utf-8")
+    keep(found, options.results)
 
 
 def _in_node(scratch: str, size: int, threads: int) -> tuple[float, float]:
@@ -100,14 +91,6 @@ def _in_node(scratch: str, size: int, threads: int) -> tuple[float, float]:
 def _packed(path: Path) -> int:
     """Bytes of a file after gzip."""
     return len(gzip.compress(path.read_bytes(), 9))
-
-
-def _bytes(folder: Path, role: str) -> np.ndarray:
-    """The 8-bit values of a map, its own channels alone."""
-    import OpenImageIO
-
-    (path,) = folder.glob(f"*{role}.*")
-    return np.ascontiguousarray(OpenImageIO.ImageBuf(str(path)).get_pixels("uint8"))
 
 
 if __name__ == "__main__":

@@ -9,14 +9,14 @@ baked by `auto`, and measured by renders that `auto` never sees.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from results_sets import folder_sets, middle
+from timing import arguments
+from timing import table as markdown
 
 from mipbake.baking.search.methods import Auto
 from mipbake.material.aim import DEFAULT_AIM
@@ -56,22 +56,21 @@ def measured(problem: Problem, scores: Scores, weights: Weights) -> NDArray[np.f
     return np.stack([-DECIBEL * each.terms for each in scores.of_stack(result.levels)])
 
 
-def table(found: Mapping[str, NDArray[np.float64]]) -> list[str]:
-    """Lines of a table, of (sets, M, T) decibels: the first row in decibels, the others as gains over it."""
-    base = next(iter(found.values()))
-    lines = [f"| change | {' | '.join(TERMS)} |", "|---" * (len(TERMS) + 1) + "|"]
+def table(found: Mapping[str, NDArray[np.float64]]) -> str:
+    """Markdown of (sets, M, T) decibels: the first row in decibels, the others as gains over it."""
+    base, rows = next(iter(found.values())), []
     for name, each in found.items():
         gains = (each - base).mean(1)
         error = gains.std(0) / np.sqrt(max(1, len(gains) - 1))
         cells = [f"{gain:+.2f} ± {chance:.2f}" for gain, chance in zip(gains.mean(0), error, strict=True)]
         cells = cells if each is not base else [f"{value:.1f}" for value in base.mean((0, 1))]
-        lines.append(f"| {name} | {' | '.join(cells)} |")
-    return lines
+        rows.append([name, *cells])
+    return markdown(["change", *TERMS], rows)
 
 
 def main() -> None:
     """Prints the table."""
-    sets = folder_sets(Path(sys.argv[1]))
+    sets = folder_sets(arguments(__doc__, "materials").materials)
     names = sorted(sets)[:: max(1, len(sets) // SETS)][:SETS]
     found: dict[str, list[NDArray[np.float64]]] = {}
     for name in names:
@@ -80,9 +79,8 @@ def main() -> None:
         scores = Scores(problem, EFFORT, SEED)
         for change, weights in changed():
             found.setdefault(change, []).append(measured(problem, scores, weights))
-    print(f"Sets: {', '.join(f'`{name}`' for name in names)}; the middle {SIDE} x {SIDE} texels of each.")
-    print()
-    print("\n".join(table({change: np.stack(each) for change, each in found.items()})))
+    print(f"Sets: {', '.join(f'`{name}`' for name in names)}; the middle {SIDE} x {SIDE} texels of each.\n")
+    print(table({change: np.stack(each) for change, each in found.items()}))
 
 
 if __name__ == "__main__":
