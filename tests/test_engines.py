@@ -83,9 +83,9 @@ def test_a_level_that_is_missing_in_a_glb_is_seen(web, monkeypatch, capsys):
 
 
 def test_three_samples_custom_levels_of_every_container(web: None, tmp_path: Path) -> None:
-    browser, levels = importlib.import_module("browser"), importlib.import_module("three_levels")
-    with browser.opened(ENGINES / "three" / "page.html", tmp_path) as page:
-        seen = levels.check_levels(page, tmp_path)
+    page, levels = importlib.import_module("three_page"), importlib.import_module("three_levels")
+    with page.opened_three(tmp_path) as three:
+        seen = levels.check_levels(three)
     kinds = importlib.import_module("engine_textures").KINDS
     assert len(seen) == len(kinds) + 1  # all but level 0 in floats, and two checks of levels that WebGL makes
 

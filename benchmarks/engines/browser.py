@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import base64
 import shutil
+import sys
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
@@ -107,6 +108,13 @@ def opened(page: Path, files: Path) -> Iterator[Any]:
             browser.close()
     if complaints:
         raise RuntimeError("the page complained: " + "\n".join(complaints))
+
+
+def exit_code(complaints: Sequence[str]) -> int:
+    """1, and prints them, where there are complaints."""
+    for complaint in complaints:
+        print(f"error: {complaint}", file=sys.stderr)
+    return int(bool(complaints))
 
 
 def numbers(text: str, shape: tuple[int, ...]) -> NDArray[np.float64]:

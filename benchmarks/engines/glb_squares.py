@@ -6,7 +6,6 @@ The textures are KTX 2 with UASTC through KHR_texture_basisu, with levels of the
 from __future__ import annotations
 
 import json
-import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -14,6 +13,8 @@ from typing import Any
 import numpy as np
 from engine_textures import EngineMap, level_coloured, uastc
 from numpy.typing import NDArray
+
+from mipbake.source.gltf.container import packed
 
 PIXELS = 32
 """Pixels a side of a square in pictures where the grid is seen straight on, a unit of length a square."""
@@ -24,7 +25,6 @@ SIDE = 256
 _FLOAT, _SHORT = 5126, 5123
 _VERTICES, _INDICES = 34962, 34963
 _LINEAR, _LINEAR_LEVELS, _REPEAT = 9729, 9987, 10497
-_JSON, _BINARY = 0x4E4F534A, 0x004E4942
 
 
 @dataclass
@@ -109,7 +109,7 @@ def squares_glb(baked: Sequence[EngineMap]) -> bytes:
         "bufferViews": buffer.views,
         "buffers": [{"byteLength": len(buffer.data)}],
     }
-    return _glb(document, bytes(buffer.data))
+    return packed(json.dumps(document, separators=(",", ":")).encode(), bytes(buffer.data))
 
 
 def _square(buffer: _Buffer, repeat: float, material: int) -> dict[str, Any]:
@@ -125,12 +125,3 @@ def _square(buffer: _Buffer, repeat: float, material: int) -> dict[str, Any]:
         attributes["TANGENT"] = buffer.accessor(np.tile(np.float32([1, 0, 0, 1]), (4, 1)), "VEC4")
     indices = buffer.accessor(np.array([0, 1, 2, 2, 1, 3], np.uint16), "SCALAR")
     return {"attributes": attributes, "indices": indices, "material": material}
-
-
-def _glb(document: dict[str, Any], binary: bytes) -> bytes:
-    text = json.dumps(document, separators=(",", ":")).encode()
-    text += b" " * (-len(text) % 4)
-    binary += bytes(-len(binary) % 4)
-    chunks = [struct.pack("<II", len(data), kind) + data for kind, data in ((_JSON, text), (_BINARY, binary))]
-    body = b"".join(chunks)
-    return struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from browser import HERE, MODULES, numbers, opened
+from browser import HERE, MODULES, exit_code, numbers, opened
 from engine_textures import level_colours, stack_maps
 from glb_squares import PIXELS, lods, squares_glb
 from numpy.typing import NDArray
@@ -48,9 +48,7 @@ def main() -> int:
         complaints = validated(path)
         for engine in ENGINES:
             complaints += levels_seen(engine, folder) if given is None else loaded(engine, folder)
-    for complaint in complaints:
-        print(f"error: {complaint}", file=sys.stderr)
-    return 1 if complaints else 0
+    return exit_code(complaints)
 
 
 def validated(path: Path) -> list[str]:
@@ -75,7 +73,7 @@ def levels_seen(engine: str, folder: Path) -> list[str]:
     """What is wrong with the squares of the file that is made here; prints what each row shows."""
     rows, columns = len(lods()), len(lods()[0])
     size = columns * PIXELS, rows * PIXELS
-    image, counts = _rendered(engine, folder, (0, columns, -rows, 0), size)
+    image, counts = rendered(engine, folder, "proof.glb", (0, columns, -rows, 0), size)
     middles = image[PIXELS // 2 :: PIXELS, PIXELS // 2 :: PIXELS, :3]
     colours = level_colours(columns)[:, :3] / 255
     whole, between, lit = middles
@@ -105,7 +103,7 @@ def levels_seen(engine: str, folder: Path) -> list[str]:
 
 def loaded(engine: str, folder: Path) -> list[str]:
     """What is wrong with a file in an engine, seen from the front around its origin; prints how much of it is seen."""
-    image, counts = _rendered(engine, folder, (-2, 2, -2, 2), (_LOADED_SIDE, _LOADED_SIDE))
+    image, counts = rendered(engine, folder, "proof.glb", (-2, 2, -2, 2), (_LOADED_SIDE, _LOADED_SIDE))
     seen = (image[..., :3] > 0).any(-1)
     mean = image[seen][:, :3].mean(0) if seen.any() else np.zeros(3)
     levels = f", textures with {', '.join(map(str, counts))} levels" if counts else ""
@@ -130,14 +128,14 @@ def _baked() -> MipStack:
     return mipbake.bake(made, "vmf", "gltf")
 
 
-def _rendered(
-    engine: str, folder: Path, box: tuple[float, float, float, float], size: tuple[int, int]
+def rendered(
+    engine: str, folder: Path, file: str, box: tuple[float, float, float, float], size: tuple[int, int]
 ) -> tuple[NDArray[np.float64], list[int]]:
-    """(height, width, 4) pixels of proof.glb, top row first, and how many levels the engine's textures have."""
+    """(height, width, 4) pixels of a GLB, top row first, and how many levels the engine's textures have."""
     width, height = size
     with opened(HERE / f"gltf/{engine}.html", folder) as page:
         call = "([file, box, width, height]) => proof.render(file, box, width, height)"
-        found: dict[str, Any] = page.evaluate(call, ["proof.glb", list(box), width, height])
+        found: dict[str, Any] = page.evaluate(call, [file, list(box), width, height])
     return numbers(found["pixels"], (height, width, 4))[::-1], found["levels"]
 
 

@@ -10,10 +10,12 @@ from __future__ import annotations
 import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import OpenImageIO
+from browser import exit_code
 from engine_textures import level_colours
 from numpy.typing import NDArray
 
@@ -43,9 +45,7 @@ def main(writers: Mapping[str, Writer] | None = None) -> int:
             folder = Path(scratch) / name
             complaints += _coloured_seen(write(coloured, folder / "coloured"), name, colours)
             complaints += _texels_seen(write(independent, folder / "independent"), name, independent, rng)
-    for complaint in complaints:
-        print(f"error: {complaint}", file=sys.stderr)
-    return 1 if complaints else 0
+    return exit_code(complaints)
 
 
 def _coloured_seen(path: Path, name: str, colours: Image) -> list[str]:
@@ -100,28 +100,16 @@ def _lookup(path: Path, s: float, t: float, lod: float) -> NDArray[np.float64]:
     return np.array(found, np.float64)
 
 
-def _exr(levels: Sequence[Image], folder: Path) -> Path:
+def _saved(levels: Sequence[Image], folder: Path, container: str) -> Path:
     """The map of base colours as `MipStack.save` writes it: float files hold linear colours."""
-    stack = _stack(levels)
-    stack.save(folder, "exr")
-    return folder / "base_color.exr"
-
-
-def _tx(levels: Sequence[Image], folder: Path) -> Path:
-    """The same map as a tiled TIFF with a sub-image a level, in half floats."""
-    stack = _stack(levels)
-    stack.save(folder, "tx")
-    return folder / "base_color.tx"
-
-
-WRITERS: Mapping[str, Writer] = {"exr": _exr, "tx": _tx}
-
-
-def _stack(levels: Sequence[Image]) -> MipStack:
-    """A stack of the model `gltf` with those base colours."""
     rest = np.array([0, 0.5, 0, 0, 1], np.float32)
     stored = [np.concatenate([level, np.broadcast_to(rest, (*level.shape[:2], 5))], -1) for level in levels]
-    return MipStack("proof", "gltf", stored, {}, ("wrap", "wrap"), Provenance("proof", "gaussian"))
+    stack = MipStack("proof", "gltf", stored, {}, ("wrap", "wrap"), Provenance("proof", "gaussian"))
+    stack.save(folder, container)
+    return folder / f"base_color.{container}"
+
+
+WRITERS: Mapping[str, Writer] = {name: partial(_saved, container=name) for name in ("exr", "tx")}
 
 
 _SYSTEM = OpenImageIO.TextureSystem()

@@ -15,8 +15,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from browser import HERE, numbers, opened
-from gltf_proof import validated
+from browser import exit_code
+from gltf_proof import rendered, validated
 from numpy.typing import NDArray
 
 import mipbake
@@ -51,9 +51,7 @@ def main() -> int:
             complaints += validated(folder / f"{name}.glb")
         for engine, names in (("three", list(files)), ("filament", [name for name in files if name != GLB_TEXELS[-1]])):
             complaints += _compared(engine, folder, names)
-    for complaint in complaints:
-        print(f"error: {complaint}", file=sys.stderr)
-    return 1 if complaints else 0
+    return exit_code(complaints)
 
 
 def _compared(engine: str, folder: Path, names: list[str]) -> list[str]:
@@ -61,21 +59,13 @@ def _compared(engine: str, folder: Path, names: list[str]) -> list[str]:
     complaints = []
     first: NDArray[np.float64] | None = None
     for name in names:
-        picture = _picture(engine, folder, f"{name}.glb")
+        picture = rendered(engine, folder, f"{name}.glb", _BOX, (_SIDE, _SIDE))[0][..., :3]
         first = picture if first is None else first
         apart = float(np.abs(picture - first).mean() / first.mean())
         print(f"{engine}, {name}: {apart:.2%} of the mean apart")
         if (apart > _NEAR) if name in ("plain", "stretched", *GLB_TEXELS[1:]) else (apart < _FAR):
             complaints.append(f"{engine} shows {name} {apart:.2%} from values as they are")
     return complaints
-
-
-def _picture(engine: str, folder: Path, file: str) -> NDArray[np.float64]:
-    """(height, width, 3) of a square seen straight on."""
-    with opened(HERE / f"gltf/{engine}.html", folder) as page:
-        call = "([file, box, width, height]) => proof.render(file, box, width, height)"
-        found = page.evaluate(call, [file, list(_BOX), _SIDE, _SIDE])
-    return numbers(found["pixels"], (_SIDE, _SIDE, 4))[..., :3]
 
 
 def _baked() -> MipStack:

@@ -14,26 +14,26 @@ import json
 import math
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from browser import HERE, numbers, opened
-from engine_textures import EngineMap, engine_maps, stack_maps, write_map
+from browser import HERE
+from engine_textures import engine_maps, stack_maps
 from engine_views import described
 from numpy.typing import NDArray
 from PIL import Image
 from scipy.stats import qmc
-from three_table import BAKED, PLAIN_MAPS, arguments, keep
+from three_page import opened_three
+from three_table import BAKED, PLAIN_MAPS, arguments, expect, keep
 
 import mipbake
 from mipbake import TextureSet
 from mipbake.comparing.filming import JUDGED_AT
 from mipbake.comparing.films import FRAMES_PER_SECOND, films_of
 from mipbake.comparing.meshes.mesh import Mesh
-from mipbake.comparing.meshes.visible import Shot
 from mipbake.material.pixel_filter import filter_named
 from mipbake.quality import environment
 from mipbake.quality.metrics import color_video_vdp, displayed, film_exposure, flicker_ratio
@@ -78,6 +78,7 @@ def main() -> None:
     """Films what FOLDER lacks."""
     options = arguments(__doc__, "folder", only=(), size=1024, height=128, frames=8, samples=64, results=None)
     options.folder.mkdir(parents=True, exist_ok=True)
+    expect("set", options.only, SETS)
     found = {}
     for name in options.only or SETS:
         file = options.folder / f"{name}.json"
@@ -94,7 +95,7 @@ def main() -> None:
 
 
 def _loaded(name: str, size: int) -> TextureSet:
-    made = {**generate.SETS, **showcase.SHOWCASE}[name]
+    made = generate.SETS.get(name) or showcase.SHOWCASE[name]
     with tempfile.TemporaryDirectory() as scratch:
         generate.store(generate.quantised(made(size, size)), Path(scratch) / name)
         return mipbake.load(Path(scratch) / name)
@@ -107,20 +108,18 @@ def filmed(texture_set: TextureSet, height: int, frames: int, samples: int) -> F
               if f.name == FLOOR)  # fmt: skip
     kernel = filter_named("gaussian")
     offsets = [kernel.offsets(qmc.Sobol(2, seed=seed).random(samples))[0].reshape(-1).tolist() for seed in (1, 2)]
-    with tempfile.TemporaryDirectory() as scratch, opened(HERE / "three/page.html", Path(scratch)) as page:
-        page.evaluate("() => proof.light(0)")  # the room alone: a lamp of no extent wants thousands of samples
+    with tempfile.TemporaryDirectory() as scratch, opened_three(Path(scratch)) as three:
+        three.page.evaluate("() => proof.light(0)")  # the room alone: a lamp of no extent wants thousands of samples
         for which, how in STACKS.items():
-            _add(page, Path(scratch), which, stack_maps(mipbake.bake(texture_set, **how)), "ktx2-rgba8")
-        _add(page, Path(scratch), TRUTH, engine_maps([texture_set.material("gltf")]), "float")
+            three.add_material(which, stack_maps(mipbake.bake(texture_set, **how)), "ktx2-rgba8")
+        three.add_material(TRUTH, engine_maps([texture_set.material("gltf")]), "float")
         radiance: dict[str, list[NDArray[np.float64]]] = {each: [] for each in (*STACKS, "first", "second")}
         for shot in film.shots:
-            view = described(_near(shot.mesh), shot.camera, shot.resolution)
-            (Path(scratch) / "view.json").write_text(json.dumps(view))
-            page.evaluate("() => proof.addView('view', 'view.json')")
+            three.add_view("view", described(_near(shot.mesh), shot.camera, shot.resolution))
             for which in STACKS:
-                radiance[which].append(_rendered(page, shot, which, [0, 0]))
+                radiance[which].append(three.rendered("view", which, shot.resolution))
             for half, some in zip(("first", "second"), offsets, strict=True):
-                radiance[half].append(_rendered(page, shot, TRUTH, some) / samples)
+                radiance[half].append(three.rendered("view", TRUTH, shot.resolution, some) / samples)
     return _displayed({which: np.stack(images) for which, images in radiance.items()})
 
 
@@ -128,19 +127,6 @@ def _near(mesh: Mesh) -> Mesh:
     """The part of the ground that films show."""
     middle = mesh.uv.mean(0)
     return replace(mesh, positions=mesh.positions * _REACH, uv=middle + (mesh.uv - middle) * _REACH)
-
-
-def _add(page: Any, folder: Path, name: str, maps: Sequence[EngineMap], container: str) -> None:
-    written = {each.name: write_map(each, container, folder / name) for each in maps}
-    files = {role: {**each, "file": f"{name}/{each['file']}"} for role, each in written.items()}
-    filter_ = "finest" if container == "float" else "levels"
-    page.evaluate("([name, maps, filter]) => proof.addMaterial(name, maps, filter)", [name, files, filter_])
-
-
-def _rendered(page: Any, shot: Shot, material: str, offsets: Sequence[float]) -> NDArray[np.float64]:
-    """The sum of the renders at the offsets, (H, W, 4), top row first."""
-    text = page.evaluate("([material, offsets]) => proof.render('view', material, offsets)", [material, list(offsets)])
-    return numbers(text, (*shot.resolution, 4))[::-1]
 
 
 def _displayed(radiance: Mapping[str, NDArray[np.float64]]) -> Filmed:
@@ -162,14 +148,11 @@ def judged(made: Filmed) -> dict[str, dict[str, float | None]]:
     return {
         name: {
             "jod": color_video_vdp(made.films[name], made.films[TRUTH], JUDGED_AT[0], FRAMES_PER_SECOND),
-            "flicker": _number(flicker_ratio(made.films[name], *made.halves)),
+            "flicker": flicker if math.isfinite(flicker) else None,
         }
         for name in STACKS
+        for flicker in [flicker_ratio(made.films[name], *made.halves)]
     }
-
-
-def _number(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def _save(films: Mapping[str, Film], path: Path) -> None:

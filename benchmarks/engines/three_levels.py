@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from browser import numbers
 from engine_textures import KINDS, EngineMap, level_coloured, write_map
 from numpy.typing import NDArray
+from three_page import ThreePage
 
+from mipbake.base.srgb import linear_to_srgb, srgb_to_linear
 from mipbake.material.pixel_filter import filtered_levels
 
 SIDE = 256
@@ -23,11 +24,10 @@ _UNIT = 1 / 255
 _GENERATED_TOLERANCE = 1.5 * _UNIT  # WebGL rounds each level and makes the next from it
 
 
-def check_levels(page: Any, folder: Path) -> list[str]:
+def check_levels(three: ThreePage) -> list[str]:
     """What was seen, a line a check; AssertionError where a level is not honoured."""
-    kinds = [kind for kind in KINDS if kind != "float"]
-    seen = [_check_coloured(page, folder, kind) for kind in kinds]
-    return [*seen, _check_generated(page, folder, False), _check_generated(page, folder, True)]
+    seen = [_check_coloured(three, kind) for kind in KINDS if kind != "float"]
+    return [*seen, _check_generated(three, False), _check_generated(three, True)]
 
 
 def expected_colour(lod: float, colours: NDArray[np.floating]) -> NDArray[np.float64]:
@@ -37,14 +37,14 @@ def expected_colour(lod: float, colours: NDArray[np.floating]) -> NDArray[np.flo
     return np.asarray(colours[low] + (lod - low) * (colours[low + 1] - colours[low]), np.float64)
 
 
-def _check_coloured(page: Any, folder: Path, kind: str) -> str:
+def _check_coloured(three: ThreePage, kind: str) -> str:
     texture = level_coloured(SIDE)
     colours = np.stack([level[0, 0, :3] for level in texture.levels])
     lods = np.arange(-2, 2 * _LEVELS) / 2
     # Square footprints, then ones four times as long along u or along v: the longer side decides.
     footprints = [(lod, lod) for lod in lods] + [(lod, lod - 2) for lod in lods] + [(lod - 2, lod) for lod in lods]
     repeats = [[_PIXELS * 2.0**lod / SIDE for lod in each] for each in footprints]
-    found = _flat(page, write_map(texture, kind, folder), "levels", _PIXELS, repeats)
+    found = _flat(three, write_map(texture, kind, three.folder), "levels", _PIXELS, repeats)
     worst = 0.0
     for each, image in zip(footprints, found, strict=True):
         wanted = expected_colour(max(each), colours)
@@ -57,19 +57,20 @@ def _check_coloured(page: Any, folder: Path, kind: str) -> str:
     return f"{kind}: {_LEVELS} levels honoured, the level is log2 of the longer footprint (largest error {worst:.4f})"
 
 
-def _check_generated(page: Any, folder: Path, colour: bool) -> str:
+def _check_generated(three: ThreePage, colour: bool) -> str:
     """Levels that WebGL makes from level 0 against ours under a box."""
     values = np.random.default_rng(7).integers(0, 256, (SIDE, SIDE, 4)).astype(np.float32) / 255
     values[..., 3] = 1
     name = "generated-srgb" if colour else "generated"
-    decoded = values if not colour else np.concatenate([_decoded(values[..., :3]), values[..., 3:]], -1)
-    written = write_map(EngineMap(name, [decoded], colour), "rgba8", folder)
+    decoded = values if not colour else np.concatenate([srgb_to_linear(values[..., :3]), values[..., 3:]], -1)
+    written = write_map(EngineMap(name, [decoded], colour), "rgba8", three.folder)
     levels = filtered_levels(decoded, "box", ("wrap", "wrap"))
     worst = 0.0
     for level, ours in enumerate(levels):
-        image = _flat(page, written, "generated", len(ours), [[1.0, 1.0]])[0][::-1]
+        image = _flat(three, written, "generated", len(ours), [[1.0, 1.0]])[0][::-1]
         # Dark colours are stored finely and bright ones coarsely: an error is a difference of stored numbers.
-        both = [_encoded(each[..., :3]) if colour else each[..., :3] for each in (image, ours.astype(np.float64))]
+        both = [each[..., :3].astype(np.float64) for each in (image, ours)]
+        both = [linear_to_srgb(each) for each in both] if colour else both
         error = float(np.abs(both[0] - both[1]).max())
         assert error <= _GENERATED_TOLERANCE * max(level, 0.2), (
             f"level {level} of {name} differs from ours by {error / _UNIT:.2f} of 255"
@@ -79,19 +80,10 @@ def _check_generated(page: Any, folder: Path, colour: bool) -> str:
     return f"generateMipmap of {kind}: as our box average, largest difference {worst / _UNIT:.2f} of 255"
 
 
-def _decoded(values: NDArray[np.floating]) -> NDArray[np.float32]:
-    """IEC 61966-2-1."""
-    return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4).astype(np.float32)
-
-
-def _encoded(linear: NDArray[np.floating]) -> NDArray[np.float64]:
-    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055)
-
-
 def _flat(
-    page: Any, written: dict[str, Any], filter_: str, side: int, repeats: Sequence[Sequence[float]]
+    three: ThreePage, written: dict[str, Any], filter_: str, side: int, repeats: Sequence[Sequence[float]]
 ) -> list[NDArray[np.float64]]:
     """(side, side, 4) images a pair of repeats, bottom row first."""
-    texts = page.evaluate("([map, filter, side, repeats]) => proof.flat(map, filter, side, repeats)",
+    texts = three.page.evaluate("([map, filter, side, repeats]) => proof.flat(map, filter, side, repeats)",
                           [written, filter_, side, [list(each) for each in repeats]])  # fmt: skip
     return [numbers(text, (side, side, 4)) for text in texts]

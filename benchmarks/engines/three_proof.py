@@ -11,19 +11,18 @@ from __future__ import annotations
 import functools
 import json
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from browser import HERE, numbers, opened
 from engine_sets import first_sets
-from engine_textures import EngineMap, engine_maps, stack_maps, write_map
+from engine_textures import engine_maps, stack_maps
 from engine_views import EngineView, engine_views
 from numpy.typing import NDArray
 from scipy.stats import qmc
 from three_levels import check_levels
+from three_page import ThreePage, opened_three
 from three_table import Cell, arguments, keep
 
 import mipbake
@@ -98,8 +97,8 @@ def main() -> None:
     cells: list[Cell] = []
     if options.results and options.results.exists():
         cells = json.loads(options.results.read_text())["cells"]
-    with tempfile.TemporaryDirectory() as scratch, opened(HERE / "three/page.html", Path(scratch)) as page:
-        notes = {"engine": page.evaluate("() => proof.describe()"), "levels": check_levels(page, Path(scratch))}
+    with tempfile.TemporaryDirectory() as scratch, opened_three(Path(scratch)) as three:
+        notes = {"engine": three.page.evaluate("() => proof.describe()"), "levels": check_levels(three)}
         print("\n".join(notes["levels"]), flush=True)
     for texture_set in first_sets(options.sets, options.count, TEXELS):
         done = {(c["view"], c["candidate"], c["container"]) for c in cells if c["set"] == texture_set.name}
@@ -118,49 +117,28 @@ def measured(texture_set: TextureSet, done: set[tuple[str, str, str]]) -> Iterat
     }
     if not any(todo.values()):
         return
-    with tempfile.TemporaryDirectory() as scratch:
-        folder = Path(scratch)
-        materials = {}
-        baked = functools.cache(lambda *asked: mipbake.bake(texture_set, asked[0], "gltf", asked[1]))
-        for name, (method, pixel_filter, changes) in CANDIDATES.items():
-            if all(key[0] != name for missing in todo.values() for key in missing):
-                continue
-            maps = stack_maps(adjusted(baked(method, pixel_filter), texture_set, changes))
-            for container in CONTAINERS[name]:
-                materials[name, container] = _written(maps, container, folder, f"{name} {container}")
-        source = _written(engine_maps([texture_set.material("gltf")]), "float", folder, "source")
-        with opened(HERE / "three/page.html", folder) as page:
-            _add_material(page, "reference", source, "finest")
-            for (name, container), maps_ in materials.items():
-                _add_material(page, f"{name} {container}", maps_, "levels")
-            for view, missing in todo.items():
-                if not missing:
-                    continue
-                (folder / "view.json").write_text(json.dumps(view.described()))
-                page.evaluate("([name, file]) => proof.addView(name, file)", [view.name, "view.json"])
-                shown = {key: _rendered(page, view, " ".join(key), [0, 0])[..., :3] for key in missing}
-                reference = _reference(page, view, shown.values())
+    baked = functools.cache(lambda *asked: mipbake.bake(texture_set, asked[0], "gltf", asked[1]))
+    wanted = {name for missing in todo.values() for name, _ in missing}
+    stacks = {
+        name: stack_maps(adjusted(baked(method, pixel_filter), texture_set, changes))
+        for name, (method, pixel_filter, changes) in CANDIDATES.items()
+        if name in wanted
+    }
+    with tempfile.TemporaryDirectory() as scratch, opened_three(Path(scratch)) as three:
+        three.add_material("reference", engine_maps([texture_set.material("gltf")]), "float")
+        for name, container in keys:
+            if name in stacks:
+                three.add_material(f"{name} {container}", stacks[name], container)
+        for view, missing in todo.items():
+            if missing:
+                three.add_view(view.name, view.described())
+                square = (SIDE, SIDE)
+                shown = {key: three.rendered(view.name, " ".join(key), square)[..., :3] for key in missing}
+                reference = _reference(three, view, shown.values())
                 yield [_cell(texture_set.name, view, key, image, reference) for key, image in shown.items()]
 
 
-def _written(maps: Sequence[EngineMap], container: str, folder: Path, name: str) -> dict[str, Any]:
-    written = {each.name: write_map(each, container, folder / name) for each in maps}
-    return {role: {**each, "file": f"{name}/{each['file']}"} for role, each in written.items()}
-
-
-def _add_material(page: Any, name: str, maps: dict[str, Any], filter_: str) -> None:
-    page.evaluate("([name, maps, filter]) => proof.addMaterial(name, maps, filter)", [name, maps, filter_])
-
-
-def _rendered(page: Any, view: EngineView, material: str, offsets: Sequence[float]) -> Image:
-    """The sum of the renders at the offsets, (SIDE, SIDE, 4), top row first."""
-    text = page.evaluate(
-        "([view, material, offsets]) => proof.render(view, material, offsets)", [view.name, material, list(offsets)]
-    )
-    return numbers(text, (SIDE, SIDE, 4))[::-1]
-
-
-def _reference(page: Any, view: EngineView, candidates: Any) -> Reference:
+def _reference(three: ThreePage, view: EngineView, candidates: Iterable[Image]) -> Reference:
     """Doubles the samples until the noise lies MARGIN_DB below the best candidate's error, or there are MOST."""
     samplers = [qmc.Sobol(2, seed=seed) for seed in (1, 2)]
     sums = [np.zeros((SIDE, SIDE, 4)) for _ in samplers]
@@ -170,7 +148,7 @@ def _reference(page: Any, view: EngineView, candidates: Any) -> Reference:
         more = max(FIRST, count)
         for index, sampler in enumerate(samplers):
             offsets = kernel.offsets(sampler.random(more))[0]
-            sums[index] += _rendered(page, view, "reference", offsets.reshape(-1).tolist())
+            sums[index] += three.rendered(view.name, "reference", (SIDE, SIDE), offsets.reshape(-1).tolist())
         count += more
         covered = np.logical_and.reduce([each[..., 3] == count for each in sums])
         reference = Reference(sums[0][..., :3] / count, sums[1][..., :3] / count, covered, count)

@@ -9,9 +9,9 @@ from statistics import fmean
 from typing import Any
 
 sys.path.append(str(Path(__file__).resolve().parent.parent))
-from timing import arguments, keep, table
+from timing import arguments, expect, keep, table
 
-__all__ = ["BAKED", "PLAIN_MAPS", "Cell", "arguments", "containers", "gains", "gallery", "keep"]
+__all__ = ["BAKED", "PLAIN_MAPS", "Cell", "arguments", "containers", "expect", "gains", "gallery", "keep"]
 
 PLAIN = "ktx2-rgba8"
 """The container of the main table."""
