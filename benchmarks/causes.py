@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 from mipnet_network import register
-from numpy.typing import NDArray
+from results_measure import sphere_views
 from results_methods import bakes, specs
 from results_sets import InModel, boosted, captured, correlated, folder_sets, in_model, middle
 from st_lpips import INSTALL, ShiftTolerantLpips, weights_file
@@ -32,8 +32,7 @@ from timing import BASELINES, arguments, keep
 
 from mipbake.baking.pipeline import DEFAULT_FILTER
 from mipbake.comparing.pictures import RenderSettings, render_view
-from mipbake.comparing.scenes import standard_views
-from mipbake.quality import environment, texture_space
+from mipbake.quality import texture_space
 from mipbake.quality.figures import Candidate
 from mipbake.quality.metrics.images import displayed
 
@@ -90,25 +89,16 @@ def stacks(source: InModel) -> list[Candidate]:
 
 def spheres(source: InModel, side: int, passes: int, perceptual: ShiftTolerantLpips) -> Iterator[dict[str, Any]]:
     """A row for each method, scale and measure."""
-    last = int(texture_space.last_lod((source.height, source.width)))
-    views = standard_views((source.height, source.width), environment.studio(), last, (side, side))
-    candidates = stacks(source)
-    for view in views:
-        if view.view != "sphere" or view.scale not in SCALES:
-            continue
-        settings = RenderSettings(max_passes=passes)
+    candidates, settings = stacks(source), RenderSettings(max_passes=passes)
+    for view in sphere_views(source, SCALES, side):
         made = render_view(view, source.filtered(DEFAULT_FILTER), candidates, settings, flicker=False)
         for figure in made.figures:
             if figure.measure in ("snr", "flip"):
                 yield {"method": figure.method, "scale": view.scale, "measure": figure.measure, "value": figure.value}
-        right = _picture(made.reference.image)
+        right = displayed(made.reference.image.astype(np.float64))
         for name, frame in made.frames.items():
-            value = perceptual(_picture(frame.image), right)
+            value = perceptual(displayed(frame.image.astype(np.float64)), right)
             yield {"method": name, "scale": view.scale, "measure": "st-lpips", "value": value}
-
-
-def _picture(radiance: NDArray[np.float32]) -> NDArray[np.float64]:
-    return displayed(radiance.astype(np.float64))
 
 
 def twins(count: int) -> list[dict[str, Any]]:

@@ -25,7 +25,7 @@ from statistics import fmean
 from typing import Any
 
 from results_sets import bumps, folder_sets
-from timing import arguments, effort_of, expect, keep
+from timing import arguments, effort_of, expect, holds, keep
 
 import mipbake
 from mipbake.baking.methods import OPTIONS
@@ -116,7 +116,7 @@ def measured(texture_set: TextureSet, lighting: str, work: Path, effort: FilmsEf
         "size": [height, width],
         "roughness": _rounded(float(texture_set.maps["roughness"].pixels.mean())),
         "slope": _rounded(bumps(texture_set)["slope"]),
-        "effort": _plain(effort),
+        "effort": asdict(effort),
         "films": films,
         "verdicts": verdicts,
         "processor_seconds": round(time.process_time() - started),
@@ -192,7 +192,7 @@ def main() -> None:
         if options.plans and name not in options.plans:
             continue
         file = options.folder / f"{name}.json"
-        if not _holds(file, effort):
+        if not holds(file, "effort", asdict(effort)):
             references = options.folder / "references" / name
             data = measured(sets[name](), LIGHTINGS[index % len(LIGHTINGS)], references, effort)
             shutil.rmtree(references, ignore_errors=True)
@@ -207,20 +207,7 @@ def main() -> None:
             gain = fmean(each[DEFAULT_METHOD][JUDGE] - each[PLAIN][JUDGE] for each in figures if PLAIN in each)
             print(f"  {sampler}: {gain:+.2f} JOD; verdict: {said['sentence']} {said['advice']}", flush=True)
     if options.results:
-        keep({"effort": _plain(effort), "sets": found}, options.results)
-
-
-def _plain(effort: FilmsEffort) -> dict[str, Any]:
-    """As JSON has it."""
-    return asdict(effort) | {"methods": list(effort.methods)}
-
-
-def _holds(file: Path, effort: FilmsEffort) -> bool:
-    """Whether the file has a set's figures, measured as thoroughly."""
-    try:
-        return bool(json.loads(file.read_text(encoding="utf-8"))["effort"] == _plain(effort))
-    except (OSError, ValueError, KeyError):
-        return False
+        keep({"effort": asdict(effort), "sets": found}, options.results)
 
 
 if __name__ == "__main__":

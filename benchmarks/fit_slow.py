@@ -17,8 +17,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from fit import FILTER, LEARNED, Effort, measured, texture_set_of
-from fit_slow_tables import gains_table, words
-from fit_tables import OTHERS, START
+from fit_tables import OTHERS, START, slow_table, slow_words
 from results_sets import folder_sets
 from timing import arguments, effort_of, expect, keep
 
@@ -104,7 +103,7 @@ def main() -> None:
             scales = measured(renderer, shown, texture_set, effort)
             data["sets"][name] = {**about, "stacks": list(shown), "scales": scales}
             keep(data, options.results and options.results.resolve())
-    print(words(data), gains_table(data), sep="\n\n")
+    print(slow_words(data), slow_table(data), sep="\n\n")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What `fit.py` has measured, as tables and sentences: pages show them."""
+"""What `fit.py` and `fit_slow.py` have measured, as tables and sentences: pages show them."""
 
 from __future__ import annotations
 
@@ -24,13 +24,16 @@ MEASURES = ("snr-displayed", "snr")
 """SNR of what a display shows, and of linear radiance."""
 
 
+def _snr(views: Sequence[Mapping[str, Any]], measure: str, stack: str) -> float:
+    """SNR in dB: sums run over all views of a scale."""
+    return float(snr_from_sums(np.sum([view["sums"][measure][stack] for view in views], 0)))
+
+
 def cells(data: Mapping[str, Any], renderer: str, measure: str) -> Iterator[tuple[str, str, Mapping[str, float]]]:
-    """Set, scale, and SNR in dB of each method there: sums run over all views of the scale."""
+    """Set, scale, and SNR in dB of each method there."""
     for name, each in data["renderers"][renderer].items():
         for scale in (scale for scale in SCALES if scale in each["scales"]):
-            sums = [view["sums"][measure] for view in each["scales"][scale]]
-            found = {m: float(snr_from_sums(np.sum([one[m] for one in sums], 0))) for m in (*METHODS, FITTED)}
-            yield name, scale, found
+            yield name, scale, {m: _snr(each["scales"][scale], measure, m) for m in (*METHODS, FITTED)}
 
 
 def gain(found: Mapping[str, float]) -> float:
@@ -82,3 +85,24 @@ def cost_table(data: Mapping[str, Any]) -> str:
         for renderer, sets in data["renderers"].items()
     ]
     return table(["renderer", *parts], rows)
+
+
+def slow_table(data: Mapping[str, Any]) -> str:
+    """Markdown: SNR of what a display shows / of linear radiance, by minutes in a slow renderer, set and scale."""
+    rows = []
+    for name, each in data["sets"].items():
+        scales = [each["scales"][scale] for scale in SCALES if scale in each["scales"]]
+        for stack in each["stacks"]:
+            shown = (" / ".join(f"{_snr(views, measure, stack):.1f}" for measure in MEASURES) for views in scales)
+            rows.append([name, stack if stack == START else f"{stack} min", *shown])
+    return table(["set", "after", *SCALES], rows)
+
+
+def slow_words(data: Mapping[str, Any]) -> str:
+    """What the fits in a slow renderer took."""
+    frame, minutes = data["pace"]["frame"], data["pace"]["minutes"]
+    return " ".join(
+        f"{name}: {each['frames']:,} frames of {1000 * frame:.0f} ms at least and {each['steps']:,} steps in "
+        f"{each['seconds'] / 60:.1f} of {minutes:g} minutes; the first stack was there after {each['first']:.0f} s."
+        for name, each in data["sets"].items()
+    )

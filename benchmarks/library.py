@@ -19,7 +19,7 @@ import subprocess
 import tempfile
 import threading
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -54,10 +54,7 @@ class Baker:
     out: Path
     log: Path
     where: tuple[str, ...]
-
-    def __post_init__(self) -> None:
-        """Nothing is baked yet."""
-        self.seen: set[str] = set()
+    seen: set[str] = field(default_factory=set)
 
     def run(self, kill_after: float | None = None, number: int = signal.SIGKILL) -> Pass:
         """One call, which may be killed after some seconds."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
+import tempfile
 import zipfile
-from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -65,37 +65,30 @@ def write_gltf(path: Path, maps: Maps) -> None:
     path.write_text(json.dumps(document), encoding="utf-8")
 
 
-def as_folder(place: Path, maps: Maps, rng: np.random.Generator) -> None:
-    """A folder of maps."""
-    del rng
-    write(place, maps)
-
-
-def as_archive(place: Path, maps: Maps, rng: np.random.Generator) -> None:
-    """A .zip archive."""
-    del rng
-    write(place, maps, f"{place.name}_{{}}.png")
-    with zipfile.ZipFile(place.with_suffix(".zip"), "w") as made:
-        for file in sorted(place.iterdir()):
+def write_archive(path: Path, maps: Maps) -> None:
+    """The maps as files of a .zip archive."""
+    with tempfile.TemporaryDirectory() as scratch, zipfile.ZipFile(path, "w") as made:
+        write(Path(scratch), maps, f"{path.stem}_{{}}.png")
+        for file in sorted(Path(scratch).iterdir()):
             made.write(file, file.name)
-    shutil.rmtree(place)
 
 
-def as_document(place: Path, maps: Maps, rng: np.random.Generator) -> None:
-    """A glTF document."""
-    del rng
-    write_gltf(place.with_suffix(".gltf"), maps)
-
-
-def as_tiles(place: Path, maps: Maps, rng: np.random.Generator) -> None:
-    """Two UDIM tiles."""
-    write(place, maps, f"{place.name}_{{}}.1001.png")
-    write(place, maps_of(rng, len(maps["normal"])), f"{place.name}_{{}}.1002.png")
-
-
-Kind = Callable[[Path, Maps, np.random.Generator], None]
-KINDS: Sequence[Kind] = (as_folder, as_folder, as_archive, as_folder, as_document, as_folder, as_tiles, as_folder)
+KINDS = ("folder", "folder", "archive", "folder", "document", "folder", "tiles", "folder")
 """Kinds of sources in turn: most are folders."""
+
+
+def add(kind: str, place: Path, maps: Maps, rng: np.random.Generator) -> None:
+    """A source of one of KINDS; `tiles` are two UDIM tiles."""
+    place.parent.mkdir(parents=True, exist_ok=True)
+    if kind == "folder":
+        write(place, maps)
+    elif kind == "archive":
+        write_archive(place.with_suffix(".zip"), maps)
+    elif kind == "document":
+        write_gltf(place.with_suffix(".gltf"), maps)
+    else:
+        write(place, maps, f"{place.name}_{{}}.1001.png")
+        write(place, maps_of(rng, len(maps["normal"])), f"{place.name}_{{}}.1002.png")
 
 
 def damaged(place: Path, maps: Maps, index: int) -> None:
@@ -127,23 +120,13 @@ def make_library(root: Path, count: int, broken: int, doubles: int, seed: int = 
     whole = count - broken - doubles
     for index in range(whole):
         maps = maps_of(rng, SIZES[index % len(SIZES)])
-        place = root / f"shelf{index % 7}" / f"set{index:03}"
-        place.parent.mkdir(parents=True, exist_ok=True)
-        KINDS[index % len(KINDS)](place, maps, rng)
+        add(KINDS[index % len(KINDS)], root / f"shelf{index % 7}" / f"set{index:03}", maps, rng)
     for index in range(doubles):
         maps = maps_of(rng, SIZES[index % len(SIZES)])
         of = len(KINDS) * index  # a folder
         if index % 2:
-            place = root / f"shelf{of % 7}" / f"set{of:03}"
-            write(root / "packing", maps, f"set{of:03}_{{}}.png")
-            with zipfile.ZipFile(place.with_suffix(".zip"), "w") as made:
-                for file in sorted((root / "packing").iterdir()):
-                    made.write(file, file.name)
-            shutil.rmtree(root / "packing")
+            write_archive(root / f"shelf{of % 7}" / f"set{of:03}.zip", maps)
         else:
             write(root / "doubles" / f"set{of:03}", maps)
     for index in range(broken):
         damaged(root / f"shelf{index % 7}" / f"broken{index:02}", maps_of(rng, 32), index)
-
-
-__all__ = ["make_library", "maps_of", "write"]

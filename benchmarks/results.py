@@ -22,7 +22,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import json
 import os
 import resource
 import sys
@@ -31,7 +30,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from timing import effort_of, expect, keep, parser_of
+from timing import effort_of, expect, holds, keep, parser_of
 
 if TYPE_CHECKING:
     from results_measure import Asked, Plan, ResultsEffort
@@ -48,13 +47,6 @@ def processor_seconds() -> float:
     """Processor time of this process and of the processes that it has started and seen end."""
     used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return sum(each.ru_utime + each.ru_stime for each in used)
-
-
-def up_to_date(file: Path, key: dict[str, Any]) -> bool:
-    try:
-        return bool(json.loads(file.read_text())["key"] == key)
-    except (OSError, ValueError, KeyError, TypeError):
-        return False
 
 
 def folders_and_threads() -> argparse.ArgumentParser:
@@ -111,7 +103,7 @@ def run(
             plan = dataclasses.replace(every, methods=[m for m in every.methods if m.weights not in options.without])
             file = folder / f"{plan.name}.json"
             key = {"methods": [spec.key() for spec in plan.methods], "effort": dataclasses.asdict(effort)}
-            if up_to_date(file, key):
+            if holds(file, "key", key):
                 continue
             start, used = time.perf_counter(), processor_seconds()
             try:

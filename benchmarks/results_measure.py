@@ -30,7 +30,7 @@ from mipbake.baking.pipeline import DEFAULT_FILTER
 from mipbake.baking.search.methods import REFINE_SECONDS
 from mipbake.comparing.candidates import closed_forms, label
 from mipbake.comparing.pictures import RenderSettings, render_view
-from mipbake.comparing.scenes import standard_views
+from mipbake.comparing.scenes import View, standard_views
 from mipbake.comparing.validate import DEFAULT_LODS
 from mipbake.quality import environment, texture_space
 from mipbake.quality.figures import SCALES
@@ -120,20 +120,22 @@ def measured(plan: Plan, effort: ResultsEffort) -> dict[str, Any]:
     }
 
 
+def sphere_views(source: TextureSet, scales: Sequence[str], side: int) -> list[View]:
+    """The standard views of spheres under a studio's lights, `side` pixels high and wide."""
+    size = (source.height, source.width)
+    views = standard_views(size, environment.studio(), int(texture_space.last_lod(size)), (side, side))
+    return [view for view in views if view.view == "sphere" and view.scale in scales]
+
+
 def _spheres(
     source: TextureSet, baked: Sequence[Baked], plan: Plan, effort: ResultsEffort
 ) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Every measure of renders but flicker, which texture space measures without a camera's noise."""
     if not plan.scales:
         return [], []
-    last = int(texture_space.last_lod((source.height, source.width)))
-    square = (effort.side, effort.side)
-    views = standard_views((source.height, source.width), environment.studio(), last, square)
     filtered = source.filtered(plan.pixel_filter)
     figures, scenes = [], []
-    for view in views:
-        if view.view != "sphere" or view.scale not in plan.scales:
-            continue
+    for view in sphere_views(source, plan.scales, effort.side):
         made = render_view(
             view, filtered, [each.candidate for each in baked], RenderSettings(max_passes=effort.passes), flicker=False,
         )  # fmt: skip

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from stability_networks import KINDS, LinearNetwork, growth
+from stability_networks import LinearNetwork, StabilityConfig, growth
 from timing import CONFIGS, arguments, keep, table
 
 from mipbake import material
@@ -53,7 +53,7 @@ def configured(kind: str, rate: float, seed: int, steps: int) -> TrainingConfig:
     """The paper's training, with fewer pairs and levels of detail a step."""
     paper = read_config(PAPER)
     data = DataConfig(procedural_sets=SETS, procedural_size=128, mixed="itself", turned=False, boosted=True)
-    network = KINDS[kind](encoders=("ggx",), decoders=("ggx",), latent_filter="box")
+    network = StabilityConfig(kind=kind, encoders=("ggx",), decoders=("ggx",), latent_filter="box")
     return replace(
         paper,
         network=network,

@@ -100,37 +100,23 @@ class ResidualNetwork(LinearNetwork):
         """It starts as averages as it is."""
 
 
-@dataclass(frozen=True)
-class LinearConfig(LatentConfig):
-    """The paper's network of one material model."""
+KINDS: Mapping[str, type[LinearNetwork]] = {
+    "linear": LinearNetwork,
+    "autoregressive": AutoregressiveNetwork,
+    "residual": ResidualNetwork,
+}
 
-    architecture: ClassVar[str] = "linear"
-    network: ClassVar[type[LinearNetwork]] = LinearNetwork
+
+@dataclass(frozen=True)
+class StabilityConfig(LatentConfig):
+    """One of the networks, for one material model."""
+
+    architecture: ClassVar[str] = "stability"
+    kind: str = "linear"
 
     def build(self) -> LinearNetwork:
         """See Architecture."""
-        return self.network(self)
-
-
-@dataclass(frozen=True)
-class AutoregressiveConfig(LinearConfig):
-    """Of AutoregressiveNetwork."""
-
-    architecture: ClassVar[str] = "autoregressive"
-    network: ClassVar[type[LinearNetwork]] = AutoregressiveNetwork
-
-
-@dataclass(frozen=True)
-class ResidualConfig(LinearConfig):
-    """Of ResidualNetwork."""
-
-    architecture: ClassVar[str] = "residual"
-    network: ClassVar[type[LinearNetwork]] = ResidualNetwork
-
-
-KINDS: Mapping[str, type[LinearConfig]] = {
-    kind.architecture: kind for kind in (LinearConfig, AutoregressiveConfig, ResidualConfig)
-}
+        return KINDS[self.kind](self)
 
 
 def growth(network: LinearNetwork, stored: Tensor, source: str) -> list[float]:

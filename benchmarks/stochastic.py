@@ -157,18 +157,16 @@ class SoupRenderer:
         return image
 
 
-@dataclass
-class Fitted:
-    """Of one soup and one way of crediting: (renders, seconds of the processor, PSNR) on the way."""
-
-    curve: list[tuple[int, float, float]]
-
-    def after(self, number: float, column: int) -> float:
-        """PSNR after a number of renders (column 0) or seconds (column 1)."""
-        return float(np.interp(number, [each[column] for each in self.curve], [each[2] for each in self.curve]))
+Curve = list[tuple[int, float, float]]
+"""(renders, seconds of the processor, PSNR) on the way."""
 
 
-def fit(soup: Soup, credit: str, seed: int = 0, measured: int = 20) -> Fitted:
+def after(curve: Curve, number: float, column: int) -> float:
+    """PSNR after a number of renders (column 0) or seconds (column 1)."""
+    return float(np.interp(number, [each[column] for each in curve], [each[2] for each in curve]))
+
+
+def fit(soup: Soup, credit: str, seed: int = 0, measured: int = 20) -> Curve:
     """Optimises a soup from random triangles.
 
     Args:
@@ -194,7 +192,7 @@ def fit(soup: Soup, credit: str, seed: int = 0, measured: int = 20) -> Fitted:
             image = renderer.render(values)[0]
             curve.append(((step + 1) * soup.estimates * 2, stopped - began - measuring, psnr(image, wanted)))
             measuring += time.process_time() - stopped
-    return Fitted(curve)
+    return curve
 
 
 def resample(soup: Soup, values: Floats, moments: Moments, generator: np.random.Generator) -> None:
@@ -211,11 +209,11 @@ def resample(soup: Soup, values: Floats, moments: Moments, generator: np.random.
 def row(name: str, soup: Soup) -> list[str]:
     """A line of the table: both ways of crediting."""
     own, whole = (fit(soup, credit) for credit in CREDITS)
-    equal = min(each.curve[-1][1] for each in (own, whole))
-    ends = (f"{each.curve[-1][2]:.1f} dB" for each in (own, whole))
-    after = ", ".join(f"{each.after(equal, 1):.1f} dB" for each in (own, whole))
-    renders, first = own.curve[-1][0], own.curve[0][2]
-    return [name, f"{soup.parameters:,}", f"{renders:,}", f"{first:.1f} dB", *ends, f"{equal:.0f} s: {after}"]
+    equal = min(curve[-1][1] for curve in (own, whole))
+    ends = (f"{curve[-1][2]:.1f} dB" for curve in (own, whole))
+    both = ", ".join(f"{after(curve, equal, 1):.1f} dB" for curve in (own, whole))
+    renders, first = own[-1][0], own[0][2]
+    return [name, f"{soup.parameters:,}", f"{renders:,}", f"{first:.1f} dB", *ends, f"{equal:.0f} s: {both}"]
 
 
 def parts(soup: Soup, rounds: int = 7) -> tuple[float, float, float, float]:
@@ -261,9 +259,9 @@ def many_table(estimates: int) -> str:
     soup, rows, shares = SOUPS[LARGEST], [], (1 / 8, 1 / 4, 1 / 2, 1)
     for count in ESTIMATES:
         steps = max(estimates // count, 1)
-        fitted = fit(dataclasses.replace(soup, estimates=count, steps=steps), CREDITS[0])
-        ends = [f"{fitted.after(2 * estimates * share, 0):.1f} dB" for share in shares]
-        rows.append([f"{soup.parameters:,}", str(count), f"{steps:,}", *ends, f"{fitted.curve[-1][1]:,.0f} s"])
+        curve = fit(dataclasses.replace(soup, estimates=count, steps=steps), CREDITS[0])
+        ends = [f"{after(curve, 2 * estimates * share, 0):.1f} dB" for share in shares]
+        rows.append([f"{soup.parameters:,}", str(count), f"{steps:,}", *ends, f"{curve[-1][1]:,.0f} s"])
     renders = [f"{2 * estimates * share:,.0f} renders" for share in shares]
     return table(["parameters", "N", "steps", *renders, "processor"], rows)
 

@@ -144,6 +144,14 @@ def show(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
         print(line, flush=True)
 
 
+def holds(file: Path, key: str, value: Any) -> bool:
+    """Whether a file that `keep` wrote has this value under a key."""
+    try:
+        return bool(json.loads(file.read_text(encoding="utf-8"))[key] == json.loads(json.dumps(value)))
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
+
+
 def keep(found: Any, file: Path | None) -> None:
     """Writes what was measured to a file as a whole, where one is named, and prints it else."""
     text = json.dumps(found, indent=1) + "\n"

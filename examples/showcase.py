@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +19,7 @@ _FINEST = 256
 """Highest frequency of the noise, in cycles per texture: waves of 2 texels in a set of 512 x 512, 4 in one of 1024."""
 
 
-def _noise(height: int, width: int, seed: int, envelope: Callable[[Image, Image], Image]) -> Image:
-    return noise(height, width, seed, envelope, _FINEST)
+_noise = partial(noise, finest=_FINEST)
 
 
 def _dielectric(height: int, width: int, color: Image, relief: Image, roughness: Image) -> dict[str, Image]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -38,10 +39,12 @@ class EngineMap:
 
 def engine_maps(levels: Sequence[Image]) -> list[EngineMap]:
     """The three textures of (H_L, W_L, 8) stored channels of the model `gltf`: roughness in G, metallic in B."""
+    ones = [np.ones_like(level[..., 4]) for level in levels]
+    orm = [np.stack([one, level[..., 4], level[..., 3]], -1) for one, level in zip(ones, levels, strict=True)]
     return [
         EngineMap("base_color", [_rgba(level[..., 0:3]) for level in levels], True),
         EngineMap("normal", [_rgba((level[..., 5:8] + 1) / 2) for level in levels], False),
-        EngineMap("orm", [_rgba(_orm(level)) for level in levels], False),
+        EngineMap("orm", [_rgba(each) for each in orm], False),
     ]
 
 
@@ -67,11 +70,6 @@ def level_coloured(side: int, colour: bool = False) -> EngineMap:
     )
 
 
-def eight_bit(given: EngineMap) -> list[Bytes]:
-    """(H_L, W_L, 4) uint8 texels, colours sRGB-encoded."""
-    return [_eight_bit(level, given.colour) for level in given.levels]
-
-
 def write_map(given: EngineMap, kind: str, folder: Path) -> dict[str, Any]:
     """Writes a texture as one of KINDS into a folder; what the page must know to load it."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -84,19 +82,16 @@ def write_map(given: EngineMap, kind: str, folder: Path) -> dict[str, Any]:
     return {"file": path.name, "kind": "ktx2" if container else kind, "srgb": srgb, **sizes}
 
 
-def _orm(level: Image) -> Image:
-    return np.stack([np.ones_like(level[..., 4]), level[..., 4], level[..., 3]], -1)
-
-
 def _rgba(level: Image) -> Image:
     return np.concatenate([np.clip(level, 0, 1), np.ones_like(level[..., :1])], -1).astype(np.float32)
 
 
-def _eight_bit(level: Image, colour: bool) -> Bytes:
-    values = level.astype(np.float64)
-    if colour:
-        values[..., :3] = linear_to_srgb(values[..., :3])
-    return np.floor(values * 255 + 0.5).astype(np.uint8)
+def eight_bit(given: EngineMap) -> list[Bytes]:
+    """(H_L, W_L, 4) uint8 texels, colours sRGB-encoded."""
+    levels = [level.astype(np.float64) for level in given.levels]
+    for level in levels if given.colour else ():
+        level[..., :3] = linear_to_srgb(level[..., :3])
+    return [np.floor(level * 255 + 0.5).astype(np.uint8) for level in levels]
 
 
 def _float(given: EngineMap) -> bytes:
@@ -107,42 +102,38 @@ def _half(given: EngineMap) -> bytes:
     return b"".join(np.ascontiguousarray(level, np.float16).tobytes() for level in given.levels)
 
 
-def _ktx2_half(given: EngineMap) -> bytes:
-    made = GPU_FORMATS["R16G16B16A16_SFLOAT"]
+def _container(given: EngineMap, name: str, levels: Sequence[bytes], compressed: bool) -> bytes:
     height, width = given.levels[0].shape[:2]
-    levels = tuple(np.ascontiguousarray(level, np.float16).tobytes() for level in given.levels)
-    return ktx2.encoded(GpuTexture(made, width, height, levels, {"KTXorientation": b"rd\0"}), True)
+    texture = GpuTexture(GPU_FORMATS[name], width, height, tuple(levels), {"KTXorientation": b"rd\0"})
+    return ktx2.encoded(texture, compressed)
+
+
+def _ktx2_half(given: EngineMap) -> bytes:
+    levels = [np.ascontiguousarray(level, np.float16).tobytes() for level in given.levels]
+    return _container(given, "R16G16B16A16_SFLOAT", levels, True)
 
 
 def _rgba8(given: EngineMap) -> bytes:
     return b"".join(level.tobytes() for level in eight_bit(given))
 
 
-def _ktx2(name: str) -> Callable[[EngineMap], bytes]:
-    def encoded(given: EngineMap) -> bytes:
-        made = GPU_FORMATS[f"{name}_{'SRGB' if given.colour else 'UNORM'}{'_BLOCK' if name == 'BC7' else ''}"]
-        height, width = given.levels[0].shape[:2]
-        levels = to_blocks(eight_bit(given), made)
-        return ktx2.encoded(GpuTexture(made, width, height, levels, {"KTXorientation": b"rd\0"}), False)
-
-    return encoded
+def _ktx2(given: EngineMap, name: str, compressed: bool = False) -> bytes:
+    name = name.format("SRGB" if given.colour else "UNORM")
+    return _container(given, name, to_blocks(eight_bit(given), GPU_FORMATS[name]), compressed)
 
 
 def uastc(given: EngineMap) -> bytes:
     """A KTX 2 file of UASTC blocks with Zstandard, as KHR_texture_basisu takes it."""
-    made = GPU_FORMATS[f"UASTC_RGB_{'SRGB' if given.colour else 'UNORM'}_BLOCK"]
-    height, width = given.levels[0].shape[:2]
-    levels = to_blocks(eight_bit(given), made)
-    return ktx2.encoded(GpuTexture(made, width, height, levels, {"KTXorientation": b"rd\0"}), True)
+    return _ktx2(given, "UASTC_RGB_{}_BLOCK", True)
 
 
 KINDS: Mapping[str, Callable[[EngineMap], bytes]] = {
     "float": _float,
     "half": _half,
     "rgba8": _rgba8,
-    "ktx2-rgba8": _ktx2("R8G8B8A8"),
+    "ktx2-rgba8": partial(_ktx2, name="R8G8B8A8_{}"),
     "ktx2-rgba16f": _ktx2_half,
-    "ktx2-bc7": _ktx2("BC7"),
+    "ktx2-bc7": partial(_ktx2, name="BC7_{}_BLOCK"),
     "ktx2-uastc": uastc,
 }
 """How a texture reaches the engine: level 0 in float32 (the reference), arrays, and KTX 2 files."""

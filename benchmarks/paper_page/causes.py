@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from statistics import fmean
@@ -138,14 +138,10 @@ def causes(folder: Path, every: Sequence[Kind]) -> Mapping[str, list[str]]:
     }
 
 
-def _mean(rows: Sequence[Row], value: Callable[[Mapping[str, float]], float], **wanted: object) -> float:
-    """The mean of something over the rows whose fields are as wanted; NaN where there is none."""
-    found = [value(row["values"]) for row in rows if all(row[name] == each for name, each in wanted.items())]
+def _mean(rows: Sequence[Row], method: str, **wanted: object) -> float:
+    """The mean figure of a method over the rows whose fields are as wanted; NaN where there is none."""
+    found = [row["values"][method] for row in rows if all(row[name] == each for name, each in wanted.items())]
     return fmean(found) if found else float("nan")
-
-
-def _of(name: str) -> Callable[[Mapping[str, float]], float]:
-    return lambda values: values[name]
 
 
 def _sharp(rows: Sequence[Row], model: str, texels: int) -> list[str]:
@@ -156,7 +152,7 @@ def _sharp(rows: Sequence[Row], model: str, texels: int) -> list[str]:
     own = [row for row in rows if row["model"] == model and row["measure"] == "snr"]
     for kind, boosts in dict.fromkeys((row["kind"], row["boosts"]) for row in own):
         cells = [
-            _pair(_mean(own, _of(name), kind=kind, boosts=boosts, scale=scale) for scale in ("middle", "far"))
+            _pair(_mean(own, name, kind=kind, boosts=boosts, scale=scale) for scale in ("middle", "far"))
             for name in _methods(model)
         ]
         lines.append([f"{NAMES[kind]}, {_boosted(boosts)}", *cells])
@@ -267,9 +263,7 @@ def _twins(rows: Sequence[Row]) -> list[str]:
     for name in rows[0]["values"]:
         cells = []
         for sharp, pairs in product((False, True), PAIR_SETS):
-            together, apart = (
-                _mean(rows, _of(name), sharp=sharp, pairs=pairs, together=each) for each in (True, False)
-            )
+            together, apart = (_mean(rows, name, sharp=sharp, pairs=pairs, together=each) for each in (True, False))
             cells.append(f"{together:.1f} ({together - apart:+.1f})")
         lines.append([shown(name), *cells])
     where = ("near the mirror", "over the hemisphere")
