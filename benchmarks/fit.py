@@ -41,7 +41,7 @@ from mipbake.quality.metrics import displayed, snr_sums
 FILTER = "gaussian"
 
 LODS = (0.0, 0.5, 3.0, 7.0)
-"""Levels of detail that are measured: one for each scale of docs/conventions.md. A small set has its last one in place
+"""Levels of detail that are measured: one for each scale of docs/validation.md. A small set has its last one in place
 of 7."""
 
 LEARNED, HELD_OUT, PICTURED = 0, 71, 72

@@ -19,6 +19,7 @@ from mipbake.fitting.frames import looked
 from mipbake.fitting.kernels import TorchRenderer
 from mipbake.fitting.parameters import Parameters
 from mipbake.fitting.prepared import Prepared
+from mipbake.fitting.protocol import JsonView
 from mipbake.fitting.references import Supersampled
 from mipbake.material import MODELS
 from mipbake.stack.stack import MipStack
@@ -334,10 +335,7 @@ def test_the_renderer_of_the_page_can_be_fitted() -> None:
     [code] = [block for block in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if "class Lamp" in block]
     names: dict[str, Any] = {}
     exec(code, names)
-    views = [(level, 3 * index, 5 * index) for level in (0, 1) for index in range(5)]
+    views = [JsonView({"lod": lod, "top": 3 * index, "left": 5 * index}) for lod in (0, 1) for index in range(5)]
     told: list[Progress] = []
-    result = fit(
-        start(16), names["Lamp"](), views, reference=lambda view: np.full((32, 32, 3), 0.2), steps=64,
-        progress=told.append,
-    )  # fmt: skip
-    assert not same(result, start(16)) and told[-1].scores["all"] > told[0].scores["all"]
+    result = fit(start(16), names["Lamp"](), views, source=texture_set(16), steps=64, progress=told.append)
+    assert not same(result, start(16)) and told[-1].scores["other"] > told[0].scores["other"]

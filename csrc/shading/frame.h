@@ -1,4 +1,4 @@
-// Shading normals and the frames around them (docs/conventions.md, section 2).
+// Shading normals and the frames around them (docs/conventions.md).
 #pragma once
 
 #include "core/real.h"

@@ -1,5 +1,5 @@
 // The lobe that the models share: a Lambertian term, and an anisotropic GGX microfacet term with height-correlated
-// Smith masking-shadowing (docs/conventions.md, section 2; Heitz 2014; Kemppinen et al. 2023, section 3.4):
+// Smith masking-shadowing (docs/conventions.md; Heitz 2014; Kemppinen et al. 2023, section 3.4):
 //
 //     f = (k albedo / pi + D V F) l_n,   zero where l_n <= 0
 //     D = 1 / (pi sqrt(det S) q^2),      q = h_t^T S^-1 h_t + h_n^2;   zero where h_n <= 0

@@ -9,7 +9,7 @@ inline namespace MIPBAKE_ISA {
 // Cosines up to this count as not positive: products of smaller ones leave the range of float.
 constexpr double kHorizon = 1e-9;
 
-// What is shaded where the normal turns away from the viewer (docs/conventions.md, section 2).
+// What is shaded where the normal turns away from the viewer (docs/conventions.md).
 struct TurnedAway {
     double least;  // the n.v up to which nothing is seen
     double held;   // what n.v is held to in masking

@@ -65,7 +65,7 @@ def fit(
     """Optimises every texel of a stack in a renderer that only renders, so that it shows what the reference shows.
 
     docs/fit.md says how. A level that gained nothing stays as it was. Images are compared as linear radiance, and as a
-    display shows them: sRGB of x / (1 + x), exposed by the median of the reference (docs/conventions.md, section 4).
+    display shows them: sRGB of x / (1 + x), exposed by the median of the reference.
 
     Args:
         stack: where the fit starts; of any material model; or the folder that it was saved in.

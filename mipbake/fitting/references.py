@@ -17,7 +17,7 @@ _LEAST_WEIGHT = 1e-3  # of all samples of a pixel that count
 
 
 class Supersampled:
-    """What a renderer shows of a view whose sampling points are moved: section 3 of docs/conventions.md.
+    """What a renderer shows of a view whose sampling points are moved, as docs/conventions.md defines it.
 
     It is estimated twice, by two *halves* that know nothing of each other, so that their difference says how much noise
     their mean has. Offsets of each half are drawn from the pixel filter along a low-discrepancy sequence, with a random

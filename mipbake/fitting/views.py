@@ -16,7 +16,7 @@ from mipbake.material.pixel_filter import level_sizes
 from mipbake.quality.environment import Lighting, directional
 
 SCALES = ("near", "1:1", "middle", "far")
-"""Scales of docs/conventions.md, section 4, each with the views whose level of detail is nearest to it."""
+"""Scales of docs/validation.md, each with the views whose level of detail is nearest to it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,7 @@ _DISTANCE, _FIELD_OF_VIEW = 4.0, 40.0  # of the camera
 _SIDES = (48, 256)  # fewest and most pixels along a side of a view
 _TILT = math.radians(60)  # most between a camera and the normal of the plane
 _LIGHTS = 4  # of a view; one is near the mirror direction of the camera
-_NEAR_MIRROR = 0.12  # radians, as in docs/conventions.md, section 4
+_NEAR_MIRROR = 0.12  # radians, as in docs/conventions.md
 
 
 def standard_views(

@@ -40,7 +40,7 @@ def shade(model: str, material: Array, light: Any, view: Any, *, turned_away: Tu
 
     f = (k albedo / pi + D V F) max(n.l, 0), and 0 where n.l <= 0 (in fact up to 1e-9), with the anisotropic GGX
     distribution D, which is 0 where n.h <= 0, height-correlated Smith masking-shadowing V, in which n.v is held to
-    1e-4, and Schlick's Fresnel term F (docs/conventions.md, section 2). k is 1 for `ggx`, and 0.96 (1 - (1 - l.h)^5)
+    1e-4, and Schlick's Fresnel term F (docs/conventions.md). k is 1 for `ggx`, and 0.96 (1 - (1 - l.h)^5)
     for `gltf` and `gltf-anisotropic` (glTF 2.0, appendix B). `beckmann` is `ggx` with the generalised Beckmann
     distribution of Aittala et al. 2015 for D, and in V the masking of Beckmann (gamma = 1) whatever gamma is: an
     approximation.

@@ -1,7 +1,7 @@
 """The plain torch twins of the shading kernels: every model written out as its equations, and nothing native.
 
 They are the oracle of the tests, in float64, and the yardstick of the benchmark. Autograd differentiates them, also in
-the lights and views, and they run wherever torch does. docs/conventions.md, section 2, has the equations.
+the lights and views, and they run wherever torch does. docs/conventions.md has the equations.
 """
 
 from __future__ import annotations
