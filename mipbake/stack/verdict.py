@@ -18,7 +18,7 @@ from mipbake.stack.measured import Looks, Measured
 Distance = Literal["near", "middle", "far"]
 
 DISTANCES: tuple[Distance, ...] = get_args(Distance)
-"""Where a surface is seen: at levels of detail below 1, from 1 to 3, and from 3 on."""
+"""Where a surface is seen: at levels of detail below 1, from 1 to 3, and above 3."""
 
 Effect = Literal[1, 0, -1]
 """Of a stack at a distance, beside plain MIP maps: it looks better, the same or worse."""
