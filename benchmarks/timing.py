@@ -47,7 +47,7 @@ def parser_of(doc: str | None, *places: str, **defaults: Any) -> argparse.Argume
         else:
             several = isinstance(value, tuple)
             kind = type((value or ("",))[0]) if several else type(value)
-            reads = kind if kind is str else _number(kind)
+            reads = _number(kind) if kind in (int, float) else kind
             more = {"nargs": "+"} if several else {}
             parser.add_argument(flag, type=reads, default=value, help="(default: %(default)s)", **more)
     return parser
