@@ -15,10 +15,8 @@ from __future__ import annotations
 import argparse
 import csv
 import hashlib
-import json
 import math
 import sys
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -27,7 +25,7 @@ import numpy as np
 import torch
 from mipnet_network import KINDS, TARGETS, MipnetNetwork, register
 from safetensors.torch import save
-from timing import BASELINES, CONFIGS
+from timing import BASELINES, CONFIGS, keep, number
 
 from mipbake.base.allocator import keep_freed_memory
 from mipbake.base.errors import InputError
@@ -62,18 +60,8 @@ def configured(ours: TrainingConfig, target: str, steps: int | None) -> Training
     )
 
 
-def trained(arguments: Sequence[str]) -> int:
+def trained(options: argparse.Namespace) -> int:
     """The command `train`."""
-    parser = argparse.ArgumentParser(prog="mipnet.py train", description="Trains a MIPNet as mipbake-1 is trained.")
-    parser.add_argument("--data", required=True, metavar="SETS", help="folder of texture sets")
-    parser.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="for checkpoints and logs")
-    parser.add_argument("--target", choices=TARGETS, default=TARGETS[0], help="(default: %(default)s)")
-    parser.add_argument("--like", type=Path, metavar="CONFIG", help="(default: mipbake-1, or its sister of the target)")
-    parser.add_argument("--steps", type=int, help="(default: as many as CONFIG has)")
-    parser.add_argument("--resume", action="store_true", help="continue from FOLDER/last.npz where there is one")
-    parser.add_argument("--results", type=Path, metavar="FILE", help="for validations and losses, as JSON")
-    parser.add_argument("--device", default="cpu", help="cpu, or cuda for a graphics card (default: %(default)s)")
-    options = parser.parse_args(arguments)
     resume = options.resume and (options.out / LAST).exists()
     if resume:
         config = load_state(options.out / LAST).config
@@ -85,7 +73,7 @@ def trained(arguments: Sequence[str]) -> int:
     torch.set_num_threads(threads_beside_batches())
     state = train(config, options.out, resume, device=options.device)
     if options.results is not None:
-        options.results.write_text(json.dumps(told(state, options.out)))
+        keep(told(state, options.out), options.results)
     return 0
 
 
@@ -125,13 +113,8 @@ def network_of(checkpoint: Path) -> MipnetNetwork:
     return network
 
 
-def exported(arguments: Sequence[str]) -> int:
+def exported(options: argparse.Namespace) -> int:
     """The command `export`."""
-    parser = argparse.ArgumentParser(prog="mipnet.py export", description="Makes weights of a checkpoint.")
-    parser.add_argument("checkpoint", type=Path)
-    parser.add_argument("name", help="of the weights")
-    parser.add_argument("--out", type=Path, default=BASELINES, metavar="FOLDER", help="(default: %(default)s)")
-    options = parser.parse_args(arguments)
     state, network = load_state(options.checkpoint), network_of(options.checkpoint)
     content = save({name: value.half().contiguous() for name, value in network.state_dict().items()})
     data = state.config.data
@@ -154,16 +137,28 @@ def exported(arguments: Sequence[str]) -> int:
     return 0
 
 
-COMMANDS = {"train": trained, "export": exported}
-
-
 def main() -> int:
     """Runs one command; returns the exit code."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("command", choices=COMMANDS)
-    command = COMMANDS[parser.parse_args(sys.argv[1:2]).command]
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    training = commands.add_parser("train", help="trains a MIPNet as mipbake-1 is trained")
+    training.set_defaults(run=trained)
+    training.add_argument("--data", required=True, metavar="SETS", help="folder of texture sets")
+    training.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="for checkpoints and logs")
+    training.add_argument("--target", choices=TARGETS, default=TARGETS[0], help="(default: %(default)s)")
+    training.add_argument("--like", type=Path, metavar="CONFIG", help="(default: mipbake-1, or its sister)")
+    training.add_argument("--steps", type=number(int), help="(default: as many as CONFIG has)")
+    training.add_argument("--resume", action="store_true", help="continue from FOLDER/last.npz where there is one")
+    training.add_argument("--results", type=Path, metavar="FILE", help="for validations and losses, as JSON")
+    training.add_argument("--device", default="cpu", help="cpu, or cuda for a graphics card (default: %(default)s)")
+    export = commands.add_parser("export", help="makes weights of a checkpoint")
+    export.set_defaults(run=exported)
+    export.add_argument("checkpoint", type=Path)
+    export.add_argument("name", help="of the weights")
+    export.add_argument("--out", type=Path, default=BASELINES, metavar="FOLDER", help="(default: %(default)s)")
+    options = parser.parse_args()
     register()
-    return exit_code(lambda: command(sys.argv[2:]))
+    return exit_code(lambda: options.run(options))
 
 
 if __name__ == "__main__":

@@ -30,7 +30,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from timing import effort_of, expect, holds, keep, parser_of
+from timing import effort_of, expect, holds, keep, number, parser_of
 
 if TYPE_CHECKING:
     from results_measure import Asked, Plan, ResultsEffort
@@ -89,7 +89,7 @@ def run(
     parser.add_argument("--without", nargs="+", default=[], metavar="WEIGHTS", help="networks that are not measured")
     parser.add_argument("--only", nargs="+", default=[], help="names of sets")
     for field in dataclasses.fields(ResultsEffort):
-        parser.add_argument(f"--{field.name.replace('_', '-')}", type=int, default=field.default)
+        parser.add_argument(f"--{field.name.replace('_', '-')}", type=number(int), default=field.default)
     options = parser.parse_args()
     effort, sets = effort_of(ResultsEffort, options), folder_sets(options.sets)
     expect("set", options.only, sets)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -38,8 +39,6 @@ from mipbake.quality.figures import SCALES
 EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
 FOUR = tuple(label(method, kernel) for method in ("linear", "lean") for kernel in ("box", DEFAULT_FILTER))
 FORMS = tuple(label(*each) for each in closed_forms(DEFAULT_FILTER))
-
-
 _PAPERS_SCALES = ("near", "middle", "far")
 
 
@@ -189,18 +188,17 @@ def models(asked: Asked) -> list[Plan]:
     plans = []
     for model in ("ggx", "beckmann"):
         methods = specs(_of_models(asked), model, DEFAULT_FILTER, asked.folders, model)
-        sources: dict[str, tuple[str, str, Callable[[], TextureSet]]] = {}
+        sources: list[tuple[str, str, str, Callable[[], TextureSet]]] = []  # file, set, kind of set, what makes it
         for name, load in asked.sets.items():
-            sources[f"{model}--{name}"] = name, "plain", lambda load=load, m=model: in_model(load(), m)  # type: ignore[misc]
-            sources[f"{model}--{name}--boosted"] = (
-                name, "boosted", lambda load=load, m=model: boosted(in_model(load(), m)),  # type: ignore[misc]
-            )  # fmt: skip
+            plain = partial(lambda load, model: in_model(load(), model), load, model)
+            sources.append((f"{model}--{name}", name, "plain", plain))
+            sources.append((f"{model}--{name}--boosted", name, "boosted", partial(lambda of: boosted(of()), plain)))
         for seed in range(asked.effort.generated if model == CAPTURED else 0):
-            size = asked.effort.generated_size
-            sources[f"captured-{seed}"] = f"captured-{seed}", "captured", lambda s=seed, n=size: captured(s, n)  # type: ignore[misc]
+            name = f"captured-{seed}"
+            sources.append((name, name, "captured", partial(captured, seed, asked.effort.generated_size)))
         plans += [
-            Plan(name, load, methods, _PAPERS_SCALES, ("near",), {"model": model, "set": own, "kind": kind})
-            for name, (own, kind, load) in sources.items()
+            Plan(file, load, methods, _PAPERS_SCALES, ("near",), {"model": model, "set": name, "kind": kind})
+            for file, name, kind, load in sources
         ]
     return plans
 

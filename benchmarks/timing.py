@@ -47,13 +47,13 @@ def parser_of(doc: str | None, *places: str, **defaults: Any) -> argparse.Argume
         else:
             several = isinstance(value, tuple)
             kind = type((value or ("",))[0]) if several else type(value)
-            reads = _number(kind) if kind in (int, float) else kind
+            reads = number(kind) if kind in (int, float) else kind
             more = {"nargs": "+"} if several else {}
             parser.add_argument(flag, type=reads, default=value, help="(default: %(default)s)", **more)
     return parser
 
 
-def _number(kind: Callable[[str], Any]) -> Callable[[str], Any]:
+def number(kind: Callable[[str], Any]) -> Callable[[str], Any]:
     """Reads a finite number that is at least 0."""
 
     def read(text: str) -> Any:

@@ -13,6 +13,7 @@ import platform
 import statistics
 import time
 from collections import defaultdict
+from collections.abc import Iterator, Mapping
 
 import torch
 from timing import CONFIGS, arguments
@@ -26,47 +27,42 @@ from mipbake.training.data import Materials, draw_crops, load_materials, step_ge
 PAPER = CONFIGS / "paper-ggx.toml"
 
 
-class Stopwatch:
-    """Collects times by part; `lap` closes the part that began at the last call."""
-
-    def __init__(self) -> None:
-        self.parts: dict[str, list[float]] = defaultdict(list)
-        self._last = time.perf_counter()
-
-    def start(self) -> None:
-        self._last = time.perf_counter()
-
-    def lap(self, part: str) -> None:
-        now = time.perf_counter()
-        self.parts[part].append(now - self._last)
-        self._last = now
-
-
-def one_step(state: loop.TrainingState, materials: Materials, step: int, watch: Stopwatch) -> None:
-    """What batches.draw_batch and TrainingState.advance do, with a lap after each part."""
+def one_step(state: loop.TrainingState, materials: Materials, step: int) -> Iterator[str]:
+    """What batches.draw_batch and TrainingState.advance do; gives the name of each part after it."""
     config, (model,) = state.config, state.config.network.encoders
     settings, rng = config.loss, step_generator(config.run.seed, step)
-    watch.start()
     patches = torch.from_numpy(draw_crops(materials, settings.crops, settings.crop_size, model, rng, config.data))
-    watch.lap("patches and augmentation")
+    yield "patches and augmentation"
     views = loss.draw_views(settings, rng)
-    watch.lap("views")
+    yield "views"
     target = loss.draw_noisy_reference(patches, views, model, settings.pixel_filter, settings.target_samples, rng)
-    watch.lap("target: lookups and shading")
+    yield "target: lookups and shading"
     state.optimiser.zero_grad()
     levels = state.network(patches, model, settings.pixel_filter)[model]
-    watch.lap("network forward")
+    yield "network forward"
     texels = loss.trilinear(levels, views)
-    watch.lap("prediction: lookups")
+    yield "prediction: lookups"
     value = loss.render_loss(texels, model, views, target)
-    watch.lap("shading, loss, their gradient")
+    yield "shading, loss, their gradient"
     (gradient,) = torch.autograd.grad(value, texels, retain_graph=True)
     gradients = torch.autograd.grad(texels, levels, gradient, retain_graph=True)
-    watch.lap("lookups backward")
+    yield "lookups backward"
     torch.autograd.backward(levels, gradients)
-    watch.lap("network backward")
+    yield "network backward"
     state.optimiser.step(step, model)
-    watch.lap("optimiser")
+    yield "optimiser"
+
+
+def parts(state: loop.TrainingState, materials: Materials, steps: int) -> Mapping[str, list[float]]:
+    """Seconds of each part of the steps."""
+    found: dict[str, list[float]] = defaultdict(list)
+    for step in range(steps):
+        last = time.perf_counter()
+        for part in one_step(state, materials, step):
+            now = time.perf_counter()
+            found[part].append(now - last)
+            last = now
+    return found
 
 
 def whole_loop(config: TrainingConfig, materials: Materials, steps: int) -> list[float]:
@@ -92,12 +88,10 @@ def main() -> None:
     config = read_config(path)
     config = dataclasses.replace(config, data=DataConfig(procedural_sets=16))
     materials, _ = load_materials(config)
-    state, watch = loop.new_state(config), Stopwatch()
+    state = loop.new_state(config)
     loop.fit_whitening(state.network, materials, config)
-    for step in range(10):
-        one_step(state, materials, step, Stopwatch())
-    for step in range(options.steps):
-        one_step(state, materials, step, watch)
+    parts(state, materials, 10)
+    measured = parts(state, materials, options.steps)
     loss_config = config.loss
     evaluations = loss_config.crops * loss_config.pairs * loss_config.lods * loss_config.crop_size**2
     print(f"{platform.processor() or platform.machine()}, {torch.get_num_threads()} threads, torch {torch.__version__}")
@@ -106,7 +100,7 @@ def main() -> None:
         f"{evaluations * loss_config.target_samples} of targets"
     )
     total = 0.0
-    for part, times in watch.parts.items():
+    for part, times in measured.items():
         total += statistics.median(times)
         print(f"{part:28} {1e3 * statistics.median(times):8.2f} ms")
     print(f"{'sum':28} {1e3 * total:8.2f} ms")

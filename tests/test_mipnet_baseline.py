@@ -35,6 +35,7 @@ def module(name: str) -> ModuleType:
     return sys.modules[name]
 
 
+module("timing")
 mipnet_network = module("mipnet_network")
 mipnet = module("mipnet")
 

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from scene import LIGHTS, RADIANCE, WIDTH, Camera, ball, cameras, distance, normals, painted, radius
+from scene import LIGHTS, RADIANCE, WIDTH, Camera, ball, bumpy_ball, cameras, distance
 from shared import parse, report
 from torch import Tensor
 from torch.nn.functional import normalize
@@ -67,6 +67,7 @@ class Scene:
         self.topology = raster.antialias_construct_topology_hash(self.triangles)
         self.held_out, self.learned = cameras(settings.cameras)
         self.lights, self.radiance = (torch.tensor(each, dtype=torch.float32) for each in (LIGHTS, RADIANCE / 10))
+        self.bumpy = bumpy_ball(settings.fineness)
         self.wanted = {camera: self.truth(camera) for camera in (*self.held_out, *self.learned)}
 
     def begin(self) -> dict[str, Tensor]:
@@ -122,14 +123,12 @@ class Scene:
     @torch.no_grad()
     def truth(self, camera: Camera) -> Tensor:
         """(P, 3): the bumpy ball, from two by two samples a pixel."""
-        fine, size = ball(self.settings.fineness, 8), 2 * self.settings.resolution
-        points = fine.points * radius(fine.points)[:, None]
-        normal = normals(points, fine.triangles)
-        attributes = torch.from_numpy(painted(fine.points)[:, :3].copy() if self.kind == "albedo" else (normal + 1) / 2)
-        triangles = torch.from_numpy(fine.triangles)
+        points, normal, paint, triangles = self.bumpy
+        size = 2 * self.settings.resolution
+        attributes = torch.from_numpy(paint[:, :3].copy() if self.kind == "albedo" else (normal + 1) / 2)
         pos = torch.from_numpy(np.concatenate([points, np.ones_like(points[:, :1])], -1) @ camera.to_clip.T)[None]
-        rast, _ = raster.rasterize(self.context, pos.contiguous(), triangles, (size, size))
-        color, _ = raster.interpolate(attributes[None].contiguous(), rast, triangles)
+        rast, _ = raster.rasterize(self.context, pos.contiguous(), torch.from_numpy(triangles), (size, size))
+        color, _ = raster.interpolate(attributes[None].contiguous(), rast, torch.from_numpy(triangles))
         color = self.shaded(color) * (rast[..., 3:] > 0)
         return torch.nn.functional.avg_pool2d(color.permute(0, 3, 1, 2), 2)[0].permute(1, 2, 0).reshape(-1, 3)
 

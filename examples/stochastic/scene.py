@@ -110,6 +110,13 @@ def painted(direction: Floats) -> Floats:
     return (enamel + worn * ([0.9, 0.75, 0.45, 1, 0.3] - enamel)).astype(np.float32)
 
 
+def bumpy_ball(steps: int) -> tuple[Floats, Floats, Floats, Ints]:
+    """What pictures are of, in small triangles: points (V, 3), normals (V, 3), paint (V, 5) and triangles (T, 3)."""
+    fine = ball(steps, 8)
+    points = fine.points * radius(fine.points)[:, None]
+    return points, normals(points, fine.triangles), painted(fine.points), fine.triangles
+
+
 @dataclass(frozen=True, eq=False)
 class Camera:
     eye: Floats

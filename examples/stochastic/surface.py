@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scene import LIGHTS, RADIANCE, WIDTH, Camera, Floats, Ints, ball, cameras, distance, normals, painted, radius
+from scene import LIGHTS, RADIANCE, WIDTH, Camera, Floats, Ints, ball, bumpy_ball, cameras, distance, normals
 from shared import parse, psnr, report
 
 from mipbake import raster, sampling, shading, stochastic
@@ -147,12 +147,9 @@ class Truth:
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
-        fine = ball(settings.fineness, 8)
-        self.triangles, direction = fine.triangles, fine.points
-        self.points = direction * radius(direction)[:, None]
-        self.normal = normals(self.points, self.triangles)
-        paint = painted(direction) if settings.physical else np.tile(np.float32(GREY), (len(direction), 1))
-        self.paint = np.concatenate([paint, np.tile(np.float32([0.5, 0.5, 1]), (len(direction), 1))], 1)
+        self.points, self.normal, paint, self.triangles = bumpy_ball(settings.fineness)
+        paint = paint if settings.physical else np.broadcast_to(np.float32(GREY), paint.shape)
+        self.paint = np.concatenate([paint, np.tile(np.float32([0.5, 0.5, 1]), (len(paint), 1))], 1)
 
     def render(self, camera: Camera) -> Floats:
         """(P, 3)"""
