@@ -84,7 +84,7 @@ def stacks(source: InModel) -> list[Candidate]:
     model = source.model
     names = ("linear", "lean", f"neural:mipnet-{model}", f"neural:paper-{model}", "neural")
     wanted = [each for each in specs(names, model, DEFAULT_FILTER, [BASELINES], model) if "(gauss" not in each.name]
-    return [each.candidate for each in bakes(source, wanted)]
+    return bakes(source, wanted)
 
 
 def spheres(source: InModel, side: int, passes: int, perceptual: ShiftTolerantLpips) -> Iterator[dict[str, Any]]:

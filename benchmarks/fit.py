@@ -17,6 +17,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
+from operator import sub
 from pathlib import Path
 from typing import Any
 
@@ -152,10 +153,9 @@ def strip(renderer: Renderer, stacks: Mapping[str, MipStack], texture_set: Textu
 def fitted(
     stacks: Mapping[str, MipStack], renderer: Renderer, texture_set: TextureSet, effort: Effort
 ) -> tuple[MipStack, dict[str, Any]]:
-    """The fitted stack; and how many views, steps, and seconds there were."""
+    """The fitted stack; and how many views and steps there were."""
     size, wrap = (texture_set.height, texture_set.width), texture_set.wrap
     learned, checked, apart = RendererChoice("gl").views_of(size, wrap, effort.each, LEARNED)  # as on a command line
-    began = time.monotonic()
     progress: list[mipbake.fitting.Progress] = []
     found = mipbake.fitting.fit(
         stacks[START],
@@ -168,22 +168,22 @@ def fitted(
         steps=effort.steps,
         progress=progress.append,
     )
-    seconds = {"fit": time.monotonic() - began}
-    return found, {"views": len(learned) + len(checked or ()), "steps": progress[-1].step, "seconds": seconds}
+    return found, {"views": len(learned) + len(checked or ()), "steps": progress[-1].step}
 
 
 def one(name: str, renderer: Renderer, texture_set: TextureSet, effort: Effort, pictures: Path) -> dict[str, Any]:
     """All figures of a set in a renderer."""
-    began = time.monotonic()
+    clock = [time.monotonic()]
     stacks = {method: mipbake.bake(texture_set, method, pixel_filter=FILTER) for method in METHODS}
-    baking = time.monotonic() - began
+    clock.append(time.monotonic())
     stacks[FITTED], about = fitted(stacks, renderer, texture_set, effort)
+    clock.append(time.monotonic())
+    scales = measured(renderer, stacks, texture_set, effort)
+    clock.append(time.monotonic())
     pictures.mkdir(parents=True, exist_ok=True)
     image = strip(renderer, stacks, texture_set, effort)
     image.save(pictures / f"fit-{name.replace(' ', '-')}-{texture_set.name}.png")
-    began = time.monotonic()
-    scales = measured(renderer, stacks, texture_set, effort)
-    seconds = {"baking": baking, **about.pop("seconds"), "measuring": time.monotonic() - began}
+    seconds = dict(zip(("baking", "fit", "measuring"), map(sub, clock[1:], clock[:-1]), strict=True))
     return {"size": [texture_set.height, texture_set.width], **about, "seconds": seconds, "scales": scales}
 
 

@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from results_methods import Baked, Spec, bakes, named_weights, specs
+from results_methods import Spec, bakes, named_weights, specs
 from results_sets import (
     CAPTURED,
     Sets,
@@ -34,7 +34,7 @@ from mipbake.comparing.pictures import RenderSettings, render_view
 from mipbake.comparing.scenes import View, standard_views
 from mipbake.comparing.validate import DEFAULT_LODS
 from mipbake.quality import environment, texture_space
-from mipbake.quality.figures import SCALES
+from mipbake.quality.figures import SCALES, Candidate
 
 EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
 FOUR = tuple(label(method, kernel) for method in ("linear", "lean") for kernel in ("box", DEFAULT_FILTER))
@@ -101,15 +101,18 @@ class Asked:
 def measured(plan: Plan, effort: ResultsEffort) -> dict[str, Any]:
     """Bakes and measures."""
     source = plan.source()
-    baked = bakes(source, plan.methods)
-    candidates = [each.candidate for each in baked]
+    candidates = bakes(source, plan.methods)
+    methods = [
+        dataclasses.asdict(spec) | {"processor_seconds": each.method.seconds, "model": spec.target}
+        for spec, each in zip(plan.methods, candidates, strict=True)
+    ]
     drawn = texture_space.MeasureEffort(points=effort.points, samples=effort.samples)
     filtered = source.filtered(plan.pixel_filter)
     found = texture_space.measure(filtered, candidates, DEFAULT_LODS, plan.in_texture_space, drawn)
-    figures, scenes = _spheres(source, baked, plan, effort)
+    figures, scenes = _spheres(source, candidates, plan, effort)
     return {
         "name": plan.name,
-        "methods": [each.to_dict() for each in baked],
+        "methods": methods,
         "size": [source.height, source.width],
         "curve": [dataclasses.asdict(figure) for figure in found.curve],
         "figures": [dataclasses.asdict(figure) for figure in found.figures] + figures,
@@ -127,7 +130,7 @@ def sphere_views(source: TextureSet, scales: Sequence[str], side: int) -> list[V
 
 
 def _spheres(
-    source: TextureSet, baked: Sequence[Baked], plan: Plan, effort: ResultsEffort
+    source: TextureSet, candidates: Sequence[Candidate], plan: Plan, effort: ResultsEffort
 ) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Every measure of renders but flicker, which texture space measures without a camera's noise."""
     if not plan.scales:
@@ -135,9 +138,7 @@ def _spheres(
     filtered = source.filtered(plan.pixel_filter)
     figures, scenes = [], []
     for view in sphere_views(source, plan.scales, effort.side):
-        made = render_view(
-            view, filtered, [each.candidate for each in baked], RenderSettings(max_passes=effort.passes), flicker=False,
-        )  # fmt: skip
+        made = render_view(view, filtered, candidates, RenderSettings(max_passes=effort.passes), flicker=False)
         figures += [dataclasses.asdict(figure) for figure in made.figures]
         scenes.append(dataclasses.asdict(made.rendered.scene))
     return figures, scenes

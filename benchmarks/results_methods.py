@@ -58,18 +58,6 @@ class Spec:
         return {name: value for name, value in asdict(self).items() if name != "folder"}
 
 
-@dataclass(frozen=True, eq=False)
-class Baked:
-    """A stack, and the seconds of processors that it took."""
-
-    spec: Spec
-    candidate: Candidate
-    processor_seconds: float
-
-    def to_dict(self) -> dict[str, Any]:
-        return asdict(self.spec) | {"processor_seconds": self.processor_seconds, "model": self.spec.target}
-
-
 def specs(
     names: Sequence[str], target: str, pixel_filter: str, folders: Sequence[Path] = (), source: str = "gltf"
 ) -> list[Spec]:
@@ -127,8 +115,8 @@ def named_weights(prefix: str, folders: Sequence[Path] = ()) -> list[str]:
     return [f"neural:{name}" for name in dict.fromkeys(every) if name.startswith(prefix)]
 
 
-def bakes(source: TextureSet, wanted: Sequence[Spec]) -> list[Baked]:
-    """The stacks of many methods, one after the other.
+def bakes(source: TextureSet, wanted: Sequence[Spec]) -> list[Candidate]:
+    """The stacks of many methods, one after the other, with the seconds of processors that they took.
 
     Raises:
         RuntimeError: a bake failed, with the names of the method and the set.
@@ -147,5 +135,5 @@ def bakes(source: TextureSet, wanted: Sequence[Spec]) -> list[Baked]:
             raise RuntimeError(f"{spec.name} of {source.name} failed: {error}") from error
         seconds = time.process_time() - began
         method = Method(spec.name, spec.method, spec.kernel, spec.target, seconds)
-        made.append(Baked(spec, Candidate(method, [np.array(level, np.float32) for level in levels]), seconds))
+        made.append(Candidate(method, [np.array(level, np.float32) for level in levels]))
     return made
