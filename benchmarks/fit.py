@@ -99,7 +99,7 @@ def levels_of(stored: Sequence[Image3], model: str, wrap: tuple[str, str]) -> Le
 def reference(renderer: Renderer, source: Levels, view: View, lod: float, effort: Effort, seed: int) -> Image3:
     """What the renderer shows of the source, supersampled: one estimate."""
     found = Supersampled(renderer, source, view, filter_named(FILTER), seed)
-    found.refine(round(effort.passes * 2 ** min(max(lod, 0.0), 2.0)))
+    found.refine(max(2, round(effort.passes * 2 ** min(max(lod, 0.0), 2.0))))  # a render in each half at least
     return np.asarray(found.halves().mean(0))
 
 
