@@ -19,7 +19,7 @@ from mipbake.base.progress import ProgressLine
 from mipbake.base.publish import reason, writing
 from mipbake.cli.bake_output import told
 from mipbake.cli.batch_options import BatchFlags, check_log
-from mipbake.cli.session import Session, counted, plain, progress_line
+from mipbake.cli.session import Session, counted, plain, progress_line, succeeded
 from mipbake.cli.sources import suggest_recursive
 from mipbake.library import (
     COMMAND_LINE,
@@ -107,9 +107,8 @@ class JsonLog:
 
 def lines_of(result: EntryResult) -> list[dict[str, Any]]:
     """What became of an entry, for JSON: an object for each set or document."""
-    about = {"entry": result.entry.label}
-    same = {"source": result.entry.source, "ok": True, "exit_code": 0, "unchanged": True}
-    return [{**about, **told(each)} for each in result.results] + [{**about, **same}] * result.unchanged
+    same = [succeeded(result.entry.source, unchanged=True)] * result.unchanged
+    return [{"entry": result.entry.label, **each} for each in (*map(told, result.results), *same)]
 
 
 def bake_batch(

@@ -16,7 +16,7 @@ from mipbake.baking.methods import OPTIONS, Stop
 from mipbake.baking.options import BakePlan
 from mipbake.baking.results import DEFECT, Planned, Result, Unchanged, WrittenFile
 from mipbake.base.timings import Timings
-from mipbake.cli.session import Session, counted, failed, timings
+from mipbake.cli.session import Session, counted, failed, succeeded, timings
 from mipbake.cli.tables import describe, remark
 from mipbake.source.jobs import Failure, Job
 from mipbake.source.texture_set import TextureSet
@@ -141,12 +141,12 @@ def told(result: Result) -> dict[str, Any]:
     if isinstance(result, NotBaked):
         return failed(result.source, result.error)
     if isinstance(result, Unchanged):
-        return {"source": result.source, "ok": True, "exit_code": 0, "out": result.out, "unchanged": True}
+        return succeeded(result.source, out=result.out, unchanged=True)
     if isinstance(result, Planned):
-        return {"source": result.source, "ok": True, "exit_code": 0, "out": result.out, "planned": result.why}
+        return succeeded(result.source, out=result.out, planned=result.why)
     if isinstance(result, BakedDocument):
         about = {"document": True, "files": result.files, "measured": result.measured, "plain": result.plain}
-        return {"source": result.source, "ok": True, "exit_code": 0, "out": result.out, **about}
+        return succeeded(result.source, out=result.out, **about)
     return {
         "source": result.source,
         "ok": not result.defects,

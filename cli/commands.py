@@ -11,6 +11,9 @@ import typer
 import typer.core
 import typer.main
 
+JSON = typer.Option("--json", help="Print one JSON object, and nothing else, on stdout.")
+"""The option of commands that have few others."""
+
 SHOWS_ALL = "help-all"
 """Key of what a context knows where help shows all options."""
 

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
 
 import mipbake
 from mipbake.baking.methods import METHODS
@@ -18,7 +15,7 @@ from mipbake.base.options import one_of, option, same
 from mipbake.base.timings import Timings
 from mipbake.cli import options
 from mipbake.cli.session import Session, plain, timings
-from mipbake.cli.sources import Sources, over_sets, stack_of
+from mipbake.cli.sources import Sources, out_option, over_sets, stack_of
 from mipbake.cli.tables import ranked_table
 from mipbake.comparing.comparison import Settings
 from mipbake.comparing.comparison import compare as compare_methods
@@ -139,13 +136,9 @@ def compare(
     sources: Sources,
     out: Annotated[
         Path,
-        typer.Option(
-            "--out",
-            "-o",
-            metavar="REPORT",
-            help="Folder of the report: index.html and results.json. With several sets, each has its own in "
-            "REPORT/<set>/.",
-            show_default=False,
+        out_option(
+            "REPORT",
+            "Folder of the report: index.html and results.json. With several sets, each has its own in REPORT/<set>/.",
         ),
     ],
 ) -> None:
@@ -171,7 +164,7 @@ def compare(
                 whole = replace(found, source=described)
                 source = texture_set.filtered(found.pixel_filter)
                 # The first page is no part of the whole work: the last one is, under the name of the page.
-                step = partial(_first_page, progress) if begun else progress
+                step = (lambda _phase, share: progress("first page", share)) if begun else progress
                 return whole, write_report(whole, source, place, step, begun)
 
             def begun(found: Comparison) -> None:
@@ -190,12 +183,7 @@ def compare(
                 session.print(outcome.sentence)
         return {"out": place, "files": files, "conditions": outcomes, **comparison.to_dict()}
 
-    results = over_sets(session, sources, load, compare_one)
-    session.results(results)
-
-
-def _first_page(progress: Callable[[str, float], None], _phase: str, share: float) -> None:
-    progress("first page", share)
+    session.results(over_sets(session, sources, load, compare_one))
 
 
 def _print(session: Session, comparison: Comparison, place: Path, files: Sequence[Path], progress: Timings) -> None:

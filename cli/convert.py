@@ -30,8 +30,8 @@ from mipbake.base.options import one_of, option, same
 from mipbake.base.publish import temporary_folder
 from mipbake.base.timings import Timings
 from mipbake.cli import options
-from mipbake.cli.session import Session, counted, timings
-from mipbake.cli.sources import Sources
+from mipbake.cli.session import Session, counted, succeeded, timings
+from mipbake.cli.sources import Sources, out_option
 from mipbake.cli.tables import describe, remark
 from mipbake.material import model_named
 from mipbake.source.inputs import expand
@@ -68,12 +68,7 @@ def convert(
     load: LoadOptions,
     sources: Sources,
     to: Annotated[str, typer.Option("--to", metavar=one_of(TARGETS), help="Material model.", show_default=False)],
-    out: Annotated[
-        Path,
-        typer.Option(
-            "--out", "-o", metavar="OUT", help="Folder for the materials, each in OUT/<set>/.", show_default=False
-        ),
-    ],
+    out: Annotated[Path, out_option("OUT", "Folder for the materials, each in OUT/<set>/.")],
     flags: ConvertFlags,
 ) -> None:
     """Convert texture sets, or materials that were converted before, to another material model.
@@ -104,7 +99,7 @@ def convert(
         for source, read in work:
             try:
                 done = _write(session, read(), to, flags)
-                results.append({"source": source, "ok": True, "exit_code": 0, **done})
+                results.append(succeeded(source, **done))
             except MipbakeError as error:
                 results.append(session.failed(source, error))
     if len(results) > 1:

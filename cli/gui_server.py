@@ -291,5 +291,5 @@ def _wanted(content: bytes) -> Message:
             "convention": str(given["convention"]),
             "preset": str(given["preset"]),
         }
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
         raise InputError("the page sent something that is no choice of maps: load the page again") from error

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
+from mipbake.cli.commands import JSON
 from mipbake.cli.session import Session, counted
 from mipbake.source.images.file_facts import FileInfo, ImageInfo
 from mipbake.source.layout import MANIFEST, manifests
@@ -26,7 +27,7 @@ def info(
             readable=False,  # the library says what is wrong
         ),
     ],
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON object, and nothing else, on stdout.")] = False,
+    json: Annotated[bool, JSON] = False,
 ) -> None:
     """Show what is in a texture file, or in every file of a stack.
 

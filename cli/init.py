@@ -31,10 +31,8 @@ def init(
     file = folder / PROJECT
     if disk.exists(file):
         raise OutputError(f"{file} exists: change it, or remove it first")
-    named = {"library": library, "out": out}
-    quoted = {name: json.dumps(text, ensure_ascii=False) for name, text in named.items()}  # as TOML has strings, too
     text = TEMPLATE
-    for name, value in quoted.items():
-        text = text.replace(f'"{{{name}}}"', value)
+    for name, value in {"library": library, "out": out}.items():
+        text = text.replace(f'"{{{name}}}"', json.dumps(value, ensure_ascii=False))  # as TOML has strings, too
     replaced_file(file, text.encode())
     session.print(f"wrote {file}: change it as you like, then run `mipbake bake` in {folder}")

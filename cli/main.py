@@ -17,7 +17,7 @@ import typer
 
 from mipbake.base import disk
 from mipbake.base.allocator import keep_freed_memory
-from mipbake.base.errors import MipbakeError
+from mipbake.base.errors import InputError, MipbakeError, OutputError, UsageError
 from mipbake.base.extras import told_of
 from mipbake.base.leftovers import unfinished
 from mipbake.base.messages import listed, one_line
@@ -28,9 +28,6 @@ from mipbake.cli.session import Session
 from mipbake.cli.streams import lost, replace_streams
 
 EXIT_UNEXPECTED = 1
-EXIT_USAGE = 2
-EXIT_INPUT = 3
-EXIT_OUTPUT = 4
 EXIT_INTERRUPTED = 130
 EXIT_TERMINATED = 143
 
@@ -140,7 +137,7 @@ def main(arguments: Sequence[str]) -> int:
     except MipbakeError as error:
         code = session.raised(error)
     except _PARSING_ERROR as error:
-        code = session.fail(_parsing_message(error), EXIT_USAGE)
+        code = session.fail(_parsing_message(error), UsageError.exit_code)
     except (KeyboardInterrupt, typer.Abort):
         stopped = _Stopped.latest or EXIT_INTERRUPTED  # libraries make one of any signal
     except _Stopped as error:
@@ -153,7 +150,8 @@ def main(arguments: Sequence[str]) -> int:
         code = session.fail(_stopped_message(stopped, session.kept), stopped)
     reason = lost(sys.stdout)
     if reason and (session.json or not session.in_files):
-        code = session.fail(f"cannot print the result ({reason.strerror}): check where stdout goes", EXIT_OUTPUT)
+        told = f"cannot print the result ({reason.strerror}): check where stdout goes"
+        code = session.fail(told, OutputError.exit_code)
     return code
 
 
@@ -182,7 +180,7 @@ def _unforeseen(session: Session, error: Exception) -> int:
 
     wanting = told_of(error) if isinstance(error, ModuleNotFoundError) else None
     if wanting is not None:
-        return session.fail(wanting, EXIT_USAGE)
+        return session.fail(wanting, UsageError.exit_code)
     if memory.lacks(error):
         told = one_line(str(error)) if str(error) else "the system gives no more"
         return session.fail(
@@ -191,7 +189,7 @@ def _unforeseen(session: Session, error: Exception) -> int:
             EXIT_UNEXPECTED,
         )
     if isinstance(error, OSError) and error.filename is not None:  # nothing closer to it has a sentence
-        return session.fail(str(disk.refused(Path(os.fsdecode(error.filename)), error)), EXIT_INPUT)
+        return session.fail(str(disk.refused(Path(os.fsdecode(error.filename)), error)), InputError.exit_code)
     if session.debug:
         import traceback
 

@@ -6,16 +6,14 @@ from typing import Annotated
 
 import typer
 
+from mipbake.cli.commands import JSON
 from mipbake.cli.session import Session
 from mipbake.cli.tables import table
 from mipbake.material.aim import SAMPLERS
 from mipbake.stack.presets import PRESETS, Preset
 
 
-def presets(
-    context: typer.Context,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON object, and nothing else, on stdout.")] = False,
-) -> None:
+def presets(context: typer.Context, json: Annotated[bool, JSON] = False) -> None:
     """Show what each preset of `mipbake bake --preset` chooses. docs/engines says why, and how to import the files."""
     session: Session = context.obj
     session.configure(False, json)
@@ -38,13 +36,5 @@ def _row(preset: Preset) -> tuple[str, ...]:
     first = preset.outputs[0]
     normals = first.normals.convention + (" xy" if first.normals.channels == 2 else "")
     formats = ", ".join(output.format for output in preset.outputs)
-    return (
-        preset.name,
-        preset.engine,
-        preset.target,
-        str(preset.sampler),
-        formats,
-        first.packing,
-        normals,
-        preset.sides or "any",
-    )
+    aimed = preset.target, str(preset.sampler)
+    return preset.name, preset.engine, *aimed, formats, first.packing, normals, preset.sides or "any"

@@ -8,15 +8,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Optional
 
-import typer
-
 from mipbake.baking.methods import METHODS
 from mipbake.baking.neural import Neural
 from mipbake.baking.pipeline import AUTO_TARGET, Recipe
 from mipbake.base.options import one_of, option, same
 from mipbake.cli import options
 from mipbake.cli.session import Session, plain, timings
-from mipbake.cli.sources import Sources, over_sets
+from mipbake.cli.sources import Sources, out_option, over_sets
 from mipbake.cli.streams import has_screen
 from mipbake.comparing.comparison import preview as baked_now
 from mipbake.comparing.page import check_preview, write_report
@@ -46,13 +44,10 @@ def preview(
     sources: Sources,
     out: Annotated[
         Optional[Path],  # noqa: UP045
-        typer.Option(
-            "--out",
-            "-o",
-            metavar="REPORT",
-            help="Folder of the page. With several sets, each has its own in REPORT/<set>/.  [default: (a temporary "
-            "folder, which stays)]",
-            show_default=False,
+        out_option(
+            "REPORT",
+            "Folder of the page. With several sets, each has its own in REPORT/<set>/.  [default: (a temporary folder, "
+            "which stays)]",
         ),
     ] = None,
 ) -> None:

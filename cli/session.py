@@ -118,6 +118,11 @@ def counted(count: int, what: str) -> str:
     return f"{count} {what}{'' if count == 1 else 'es' if what.endswith('s') else 's'}"
 
 
+def succeeded(source: Path, /, **about: Any) -> dict[str, Any]:
+    """What was done with a source, for JSON."""
+    return {"source": source, "ok": True, "exit_code": 0, **about}
+
+
 def failed(source: Path, error: MipbakeError) -> dict[str, Any]:
     """What went wrong with a source, for JSON."""
     return {"source": source, "ok": False, "exit_code": error.exit_code, "error": str(error)}

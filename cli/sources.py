@@ -13,7 +13,7 @@ import typer
 from mipbake import InputError, MipbakeError
 from mipbake.base import disk
 from mipbake.base.publish import temporary_folder
-from mipbake.cli.session import Session, counted
+from mipbake.cli.session import Session, counted, succeeded
 from mipbake.source.archives import GLTF, MATERIALX, SUFFIX
 from mipbake.source.intake import jobs
 from mipbake.source.jobs import Failure, Job
@@ -33,9 +33,13 @@ Sources = Annotated[list[str], _SOURCES]
 SourcesOrProject = Annotated[Optional[list[str]], _SOURCES]  # noqa: UP045
 """Sources that may be left out where a project file names a library."""
 
-stacks_folder = typer.Option(
-    "--out", "-o", metavar="OUT", help="Folder for the stacks, each in OUT/<set>/.", show_default=False
-)
+
+def out_option(metavar: str, text: str) -> Any:
+    """The option --out, without a default in its help."""
+    return typer.Option("--out", "-o", metavar=metavar, help=text, show_default=False)
+
+
+stacks_folder = out_option("OUT", "Folder for the stacks, each in OUT/<set>/.")
 """The option --out of commands that write stacks."""
 
 
@@ -63,7 +67,7 @@ def over_sets(
                 with job.naming():
                     for texture_set in job.sets():
                         done = act(job, texture_set, alone)
-                        results.append({"source": job.source, "ok": True, "exit_code": 0, **done})
+                        results.append(succeeded(job.source, **done))
             except MipbakeError as error:
                 results.append(session.failed(job.source, error))
     return results
@@ -106,9 +110,7 @@ def stack_of(given: Path, job: Job, texture_set: TextureSet, alone: bool) -> Pat
 
     Args:
         given: a stack, where the set is the only one, or what stacks were baked into.
-        job: that the set is of.
-        texture_set: the set.
-        alone: whether it is the only one.
+        job: that the set is of. alone: whether it is the only one.
 
     Raises:
         InputError: there is none.

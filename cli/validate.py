@@ -70,8 +70,7 @@ def validate(
         session.details(f"time: {progress.summary()}")
         return {"stack": place, **measured.to_dict(), "seconds": progress.seconds}
 
-    results = over_sets(session, sources, load, measure)
-    session.results(results)
+    session.results(over_sets(session, sources, load, measure))
 
 
 def snr_table(measured: Validation, pair_set: str) -> Table:

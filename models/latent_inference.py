@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from mipbake.base import memory
-from mipbake.material import directions
+from mipbake.material import directions, model_named
 from mipbake.material.pixel_filter import Wrap, level_sizes
 from mipbake.models.architecture import Levels
 from mipbake.models.latent_filter import latent_weights
 from mipbake.models.latent_network import LatentNetwork
-from mipbake.models.tiles import Piece, add, border_indices, pieces, tile_for
+from mipbake.models.tiles import Piece, add, cut_out, pieces, tile_for
 from mipbake.models.workers import baking_on
 
 
@@ -39,7 +39,7 @@ def bake_levels(
         tile: side of a tile in texels; the result does not depend on it beyond rounding. None: what suits the device.
         source, target: the encoder and the decoder, where the network has several.
     """
-    sizes, device = level_sizes(*stored.shape[:2]), network.device
+    sizes, device, made = level_sizes(*stored.shape[:2]), network.device, target or network.config.decoders[0]
     tile = tile or tile_for(device)
     texels = sum(height * width for height, width in sizes)
     done = 0
@@ -50,33 +50,27 @@ def bake_levels(
             down = sizes[level + 1] if level + 1 < len(sizes) else None
             columns = _pieces(width, down and down[1], tile, network, wrap[0], level == 0)
             coarser = torch.zeros(*down, network.config.latent_channels, device=device) if down else None
-            out: NDArray[np.float32] | None = None
+            out = memory.empty((height, width, model_named(made).channels))
             for row in _pieces(height, down and down[0], tile, network, wrap[1], level == 0):
                 for column in columns:
                     part = slice(row.start, row.stop), slice(column.start, column.stop)
                     z = _encode_tile(network, stored, wrap, row, column, source) if latent is None else latent[part]
-                    decoded = network.decode(z, target).cpu().numpy()
-                    out = memory.empty((height, width, decoded.shape[-1])) if out is None else out
-                    out[part] = decoded
+                    out[part] = network.decode(z, target).cpu().numpy()
                     if coarser is not None:
                         add(coarser, z, row, column)
                     done += z.shape[0] * z.shape[1]
                     progress(done / texels)
-            assert out is not None  # no level is empty
             levels.append(out)
             latent = coarser
-    return directions.agreeing(levels, target or network.config.decoders[0], wrap)
+    return directions.agreeing(levels, made, wrap)
 
 
 def _encode_tile(
     network: LatentNetwork, stored: NDArray[np.float32], wrap: Wrap, row: Piece, column: Piece, source: str | None
 ) -> Tensor:
     """(h, w, Z) latents of one tile of level 0."""
-    halo = network.halo
-    rows = border_indices(row.start - halo, row.stop + halo, stored.shape[0], wrap[1]).numpy()
-    columns = border_indices(column.start - halo, column.stop + halo, stored.shape[1], wrap[0]).numpy()
-    around = torch.from_numpy(stored[np.ix_(rows, columns)]).to(network.device)
-    return network.encode_extended(around[None], source)[0]
+    around = cut_out(stored, (row.start, row.stop), (column.start, column.stop), network.halo, wrap)
+    return network.encode_extended(around.to(network.device)[None], source)[0]
 
 
 def _pieces(n_in: int, n_out: int | None, tile: int, network: LatentNetwork, wrap: str, first: bool) -> list[Piece]:

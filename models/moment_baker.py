@@ -29,7 +29,7 @@ class MomentBaker(NativeBaker):
     def __post_init__(self) -> None:
         config, (read,), (made,) = self.config, self.config.encoders, self.config.decoders
         models = model_named(read), model_named(made)
-        features = native.counts("moments", *models).features
+        features = native.feature_count(*models)
         self._code = slice(features, features + NAMED + len(FILTERS))
         """Where level and filter stand among the inputs of the decoder."""
         self._decoder = self._read_decoder()

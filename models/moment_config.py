@@ -36,12 +36,6 @@ NAMED, MOST_LEVEL = 3, 8
 """Numbers that tell the decoder a level, and the last level that it distinguishes. Not tuned."""
 
 
-def features(sampler: Sampler) -> tuple[float, ...]:
-    """The numbers that FEATURES are of a sampler."""
-    share = math.log2(sampler.lookups) / math.log2(LOOKUPS[-1])
-    return 1 - share, share, sampler.bias, float(sampler.frames > 1)
-
-
 MADE = tuple(name for name, model in MODELS.items() if _known(model))
 """The material models that can be made."""
 
@@ -89,8 +83,9 @@ class MomentConfig(Architecture):
         return sampler if self.samplers else None
 
     def features(self, sampler: Sampler) -> tuple[float, ...]:
-        """What the network takes of a sampler."""
-        return features(sampler)[: len(self.samplers)]
+        """What the network takes of a sampler: the numbers that `samplers` are of it."""
+        share = math.log2(sampler.lookups) / math.log2(LOOKUPS[-1])
+        return (1 - share, share, sampler.bias, float(sampler.frames > 1))[: len(self.samplers)]
 
     @property
     def encoders(self) -> tuple[str, ...]:

@@ -22,7 +22,7 @@ from mipbake.models.architecture import Levels
 from mipbake.models.level_filter import FROM_TOP, Lookup, taps_of_top
 from mipbake.models.lookup_kernel import sharpened
 from mipbake.models.moment_network import MomentNetwork, with_detail
-from mipbake.models.tiles import Piece, add, border_indices, pieces, tile_for
+from mipbake.models.tiles import Piece, add, cut_out, pieces, tile_for
 from mipbake.models.workers import baking_on
 
 
@@ -110,9 +110,7 @@ def _from_top(plan: _Plan, progress: Callable[[float], None]) -> tuple[NDArray[n
         """(h, w, Z) latents of a tile, whose part of level 0 is written."""
         (y, x), (height, width) = corner, sizes[0]
         stop = min(y + tile, height), min(x + tile, width)
-        rows = border_indices(y - border, stop[0] + border, height, wrap[1]).numpy()
-        columns = border_indices(x - border, stop[1] + border, width, wrap[0]).numpy()
-        texels = torch.from_numpy(stored[np.ix_(rows, columns)]).to(device)
+        texels = cut_out(stored, (y, stop[0]), (x, stop[1]), border, wrap).to(device)
         around = network.encode_extended(texels[None])[0]
         filtered = with_detail(_valid(around, sharp), _valid(around[1:-1, 1:-1, : network.detail], taps))
         top[y : stop[0], x : stop[1]] = network.decode(filtered, first, kernel, lookup.sampler).cpu().numpy()

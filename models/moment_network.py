@@ -42,7 +42,7 @@ from mipbake.models.direction import OUTPUTS, stretched
 from mipbake.models.level_filter import Lookup
 from mipbake.models.lookup_kernel import periodic_levels
 from mipbake.models.moment_config import MOST_LEVEL, NAMED, MomentConfig
-from mipbake.models.moment_statistics import feature_count, statistics
+from mipbake.models.moment_statistics import Statistics, feature_count
 from mipbake.models.moments import least_roughness, moment_count, moment_places, moments
 from mipbake.models.parameters import agreeing
 
@@ -149,7 +149,7 @@ class MomentNetwork(Network):
         *of_layers, of_output, of_crisp = self._added(sampler)
         count, width = moment_count(self.read), self.detail
         latent, detail = latent[..., :-width], latent[..., -width:].detach()
-        found = statistics(latent[..., :count].detach(), self.read)  # of the latents that are not learned
+        found = Statistics(latent[..., :count].detach(), self.read)  # of the latents that are not learned
         level = level.expand(*latent.shape[:-1], 1)
         first, second = (level == 0).float(), (level == 1).float()
         named = latent.new_zeros(len(FILTERS))

@@ -7,7 +7,6 @@ and 1 included.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -26,13 +25,16 @@ _SOFT_VARIANCE = 0.02
 _MOST_ECCENTRIC = 1 - 1e-5  # of a tensor: half of the difference of its eigenvalues over half of their sum
 
 
-@dataclass(frozen=True)
 class Statistics:
     """Averages of a level's texels and what follows from them; (..., n) each.
 
-    What a model does not have is (..., 0) (mipbake.models.channels).
+    What a model does not have is (..., 0) (mipbake.models.channels). Kernels with negative lobes leave ranges; every
+    value is cut to its range.
 
     Args:
+        means: (..., moment_count) averages of `moments` of a model. model: that model.
+
+    Attributes:
         base, metallic, diffuse, specular, roughness: averages, 3, 1, 3, 3 and 1, cut to their range.
         stretch, log_gamma: averages, 2 and 1.
         log_roughness: of the roughness that is shaded, 1.
@@ -57,38 +59,61 @@ class Statistics:
         colour_freedom: the same for colours, from what varies beside them, 1.
     """
 
-    base: Tensor
-    metallic: Tensor
-    diffuse: Tensor
-    specular: Tensor
-    roughness: Tensor
-    stretch: Tensor
-    log_gamma: Tensor
-    log_roughness: Tensor
-    normal: Tensor
-    to_lean: Tensor
-    to_widened: Tensor
-    to_geometric: Tensor
-    to_quartic: Tensor
-    lean_normal: Tensor
-    lean_stretch: Tensor
-    spread: Tensor
-    metallic_variance: Tensor
-    metallic_colour: Tensor
-    specular_variance: Tensor
-    tall_specular: Tensor
-    upward_specular: Tensor
-    slopes: Tensor
-    axes: Tensor
-    to_tall: Tensor
-    to_upward: Tensor
-    to_narrowest: Tensor
-    tall_normal: Tensor
-    upward_normal: Tensor
-    freedom: Tensor
-    tall_freedom: Tensor
-    upward_freedom: Tensor
-    colour_freedom: Tensor
+    def __init__(self, means: Tensor, model: MaterialModel) -> None:
+        mean: Moments[Tensor] = parts(moment_places(model), means)
+        base, metallic, diffuse, specular = (
+            each.clamp(0, 1) for each in (mean.base, mean.metallic, mean.diffuse, mean.specular)
+        )
+        self.base, self.metallic, self.diffuse, self.specular = base, metallic, diffuse, specular
+        least, most = least_roughness(model), most_roughness(model)
+        ends = least**4, most**4  # of alpha^2
+        self.roughness = mean.roughness.clamp(0, most)
+        self.stretch, self.log_gamma = mean.stretch, mean.log_gamma
+        xy, drop, slope = mean.normal, mean.drop, mean.slope
+        quartic = mean.alpha2.clamp(*ends)
+        length2 = xy.square().sum(-1, keepdim=True)
+        self.spread = (2 * drop - drop * drop - length2 * (1 + _CANCELLED)).clamp(0, 1)
+        height = 1 - drop
+        self.normal = xy * (length2 + height * height).clamp(min=1e-8).rsqrt()
+        x, y = slope[..., :1], slope[..., 1:]
+        xx, yy, xy_ = mean.slope_xx - x * x, mean.slope_yy - y * y, mean.slope_xy - x * y
+        self.slopes = (xx + yy - _CANCELLED * (x * x + y * y)).clamp(0, 50)
+        shaded = self.roughness.clamp(min=least)
+        self.log_roughness = log_roughness = shaded.log()
+        length = (1 - self.spread).clamp(min=1e-6).sqrt()
+        concentration = (1 - length) / length
+        alpha2 = shaded**4
+        widened = (alpha2 + 2 * concentration * (1 - alpha2).clamp(min=0)) / (1 + 2 * concentration)
+        self.axes = _at_most_one(torch.cat([xx - yy, 2 * xy_], -1) / (self.slopes + 1e-5))
+        lean_alpha2, lean_stretch = _lean(quartic, mean.tensor, self.slopes, self.axes)
+        self.to_lean = lean_alpha2.clamp(*ends).log() / 4 - log_roughness
+        self.to_widened = widened.log() / 4 - log_roughness
+        self.to_geometric = (mean.log_roughness.clamp(math.log(least), math.log(most)) - log_roughness).clamp(-2, 0.5)
+        self.lean_normal = _leaning(slope) - self.normal
+        # By Jensen's inequality; kernels with negative lobes break it.
+        tall = torch.maximum(mean.height, 1 / quartic)
+        tall_slope, tall_variance = _among(tall, mean.height_slope, mean.height_steepness, slope, self.slopes)
+        upward = mean.upward.clamp(min=1e-4)
+        upward_slope, upward_variance = _among(upward, mean.upward_slope, mean.upward_steepness, slope, self.slopes)
+        upward_alpha2 = (mean.upward_alpha2 / upward).clamp(*ends)
+        self.metallic_variance = (mean.metallic2 - metallic * metallic).clamp(0, 1)
+        self.specular_variance = (mean.specular2 - specular * specular).clamp(0, 1)
+        varied = torch.cat([self.metallic_variance, self.specular_variance], -1).sum(-1, keepdim=True)
+        # `to_widened` narrows what is as rough as can be.
+        differing = (self.to_lean.clamp(min=0) + self.to_widened - self.to_geometric.clamp(max=0)).clamp(min=0)
+        self.to_quartic = quartic.log() / 4 - log_roughness
+        self.lean_stretch = lean_stretch - mean.stretch
+        self.metallic_colour = mean.metallic_base - metallic * base
+        self.tall_specular = (mean.height_specular / tall).clamp(0, 1) - specular
+        self.upward_specular = (mean.upward_specular / upward).clamp(0, 1) - specular
+        self.to_tall = (1 / tall + tall_variance).clamp(*ends).log() / 4 - log_roughness
+        self.to_upward = (upward_alpha2 + upward_variance).clamp(*ends).log() / 4 - log_roughness
+        self.to_narrowest = (-tall.log() / 4 - log_roughness).clamp(max=0)
+        self.tall_normal, self.upward_normal = _leaning(tall_slope) - self.normal, _leaning(upward_slope) - self.normal
+        self.freedom = differing / (differing + _SOFT)
+        self.tall_freedom = _widening(tall_variance, 1 / tall)
+        self.upward_freedom = _widening(upward_variance, upward_alpha2)
+        self.colour_freedom = _share(self.spread) + _share(varied)
 
     def features(self) -> Tensor:
         """(..., feature_count): the statistics scaled to about 1, for a decoder."""
@@ -130,85 +155,7 @@ class Statistics:
 
 def feature_count(model: MaterialModel) -> int:
     """Numbers that describe a texel to a decoder."""
-    return statistics(torch.zeros(1, moment_count(model)), model).features().shape[-1]
-
-
-def statistics(means: Tensor, model: MaterialModel) -> Statistics:
-    """Statistics of (..., moment_count) averages of `moments` of a model. Kernels with negative lobes leave ranges;
-    every value is cut to its range."""
-    mean: Moments[Tensor] = parts(moment_places(model), means)
-    base, metallic, diffuse, specular = (
-        each.clamp(0, 1) for each in (mean.base, mean.metallic, mean.diffuse, mean.specular)
-    )
-    least, most = least_roughness(model), most_roughness(model)
-    least_alpha2, most_alpha2 = least**4, most**4
-    roughness = mean.roughness.clamp(0, most)
-    xy, drop, slope = mean.normal, mean.drop, mean.slope
-    quartic = mean.alpha2.clamp(least_alpha2, most_alpha2)
-    length2 = xy.square().sum(-1, keepdim=True)
-    spread = (2 * drop - drop * drop - length2 * (1 + _CANCELLED)).clamp(0, 1)
-    height = 1 - drop
-    normal = xy * (length2 + height * height).clamp(min=1e-8).rsqrt()
-    x, y = slope[..., :1], slope[..., 1:]
-    xx, yy, xy_ = mean.slope_xx - x * x, mean.slope_yy - y * y, mean.slope_xy - x * y
-    slopes = (xx + yy - _CANCELLED * (x * x + y * y)).clamp(0, 50)
-    shaded = roughness.clamp(min=least)
-    log_roughness = shaded.log()
-    length = (1 - spread).clamp(min=1e-6).sqrt()
-    concentration = (1 - length) / length
-    alpha2 = shaded**4
-    widened = (alpha2 + 2 * concentration * (1 - alpha2).clamp(min=0)) / (1 + 2 * concentration)
-    axes = _at_most_one(torch.cat([xx - yy, 2 * xy_], -1) / (slopes + 1e-5))
-    lean_alpha2, lean_stretch = _lean(quartic, mean.tensor, slopes, axes)
-    to_lean = lean_alpha2.clamp(least_alpha2, most_alpha2).log() / 4 - log_roughness
-    to_widened = widened.log() / 4 - log_roughness
-    to_geometric = (mean.log_roughness.clamp(math.log(least), math.log(most)) - log_roughness).clamp(-2, 0.5)
-    lean_normal = _leaning(slope) - normal
-    # By Jensen's inequality; kernels with negative lobes break it.
-    tall = torch.maximum(mean.height, 1 / quartic)
-    tall_slope, tall_variance = _among(tall, mean.height_slope, mean.height_steepness, slope, slopes)
-    upward = mean.upward.clamp(min=1e-4)
-    upward_slope, upward_variance = _among(upward, mean.upward_slope, mean.upward_steepness, slope, slopes)
-    upward_alpha2 = (mean.upward_alpha2 / upward).clamp(least_alpha2, most_alpha2)
-    metallic_variance = (mean.metallic2 - metallic * metallic).clamp(0, 1)
-    specular_variance = (mean.specular2 - specular * specular).clamp(0, 1)
-    varied = torch.cat([metallic_variance, specular_variance], -1).sum(-1, keepdim=True)
-    # `to_widened` narrows what is as rough as can be.
-    differing = (to_lean.clamp(min=0) + to_widened - to_geometric.clamp(max=0)).clamp(min=0)
-    return Statistics(
-        base=base,
-        metallic=metallic,
-        diffuse=diffuse,
-        specular=specular,
-        roughness=roughness,
-        stretch=mean.stretch,
-        log_gamma=mean.log_gamma,
-        log_roughness=log_roughness,
-        normal=normal,
-        to_lean=to_lean,
-        to_widened=to_widened,
-        to_geometric=to_geometric,
-        to_quartic=quartic.log() / 4 - log_roughness,
-        lean_normal=lean_normal,
-        lean_stretch=lean_stretch - mean.stretch,
-        spread=spread,
-        metallic_variance=metallic_variance,
-        metallic_colour=mean.metallic_base - metallic * base,
-        specular_variance=specular_variance,
-        tall_specular=(mean.height_specular / tall).clamp(0, 1) - specular,
-        upward_specular=(mean.upward_specular / upward).clamp(0, 1) - specular,
-        slopes=slopes,
-        axes=axes,
-        to_tall=(1 / tall + tall_variance).clamp(least_alpha2, most_alpha2).log() / 4 - log_roughness,
-        to_upward=(upward_alpha2 + upward_variance).clamp(least_alpha2, most_alpha2).log() / 4 - log_roughness,
-        to_narrowest=(-tall.log() / 4 - log_roughness).clamp(max=0),
-        tall_normal=_leaning(tall_slope) - normal,
-        upward_normal=_leaning(upward_slope) - normal,
-        freedom=differing / (differing + _SOFT),
-        tall_freedom=_widening(tall_variance, 1 / tall),
-        upward_freedom=_widening(upward_variance, upward_alpha2),
-        colour_freedom=_share(spread) + _share(varied),
-    )
+    return Statistics(torch.zeros(1, moment_count(model)), model).features().shape[-1]
 
 
 def _lean(quartic: Tensor, tensor: Tensor, slopes: Tensor, axes: Tensor) -> tuple[Tensor, Tensor]:

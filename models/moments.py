@@ -44,11 +44,10 @@ def least_roughness(model: MaterialModel) -> float:
     return float(model.least_alpha2**0.25)
 
 
-@dataclass(frozen=True)
 class _Texel:
     """What moments are made of, (..., n) each, of stored channels; n is 0 for what a model does not have.
 
-    Args:
+    Attributes:
         base, metallic: one colour and its share of metal, 3 and 1. diffuse, specular: or two reflectances, 3 each.
         roughness: perceptual, of the round lobe, 1. stretch: of the lobe, 2 (mipbake.models.surface).
         log_gamma: 1. normal: x and y, 2.
@@ -58,57 +57,25 @@ class _Texel:
         height: 1 / alpha^2, of the lobe. upward: the lobe's value upwards.
     """
 
-    base: Tensor
-    metallic: Tensor
-    diffuse: Tensor
-    specular: Tensor
-    roughness: Tensor
-    stretch: Tensor
-    log_gamma: Tensor
-    normal: Tensor
-    drop: Tensor
-    slope: Tensor
-    x: Tensor
-    y: Tensor
-    steepness: Tensor
-    alpha2: Tensor
-    log_roughness: Tensor
-    tensor: Tensor
-    height: Tensor
-    upward: Tensor
-
-
-def _texel(stored: Tensor, model: MaterialModel) -> _Texel:
-    xy, z = torch.split(surface.unit_normals(stored, model), [2, 1], -1)
-    # 1 - n_z without cancellation: alpha^2 goes down to 4e-6, and spreads of normals are measured against it.
-    drop = torch.where(z > 0, xy.square().sum(-1, keepdim=True) / (1 + z.clamp(min=0)), 1 - z)
-    slope = xy / z.clamp(min=_MIN_HEIGHT)
-    x, y = slope[..., :1], slope[..., 1:]
-    roughness, stretch = surface.round_roughness(stored, model), surface.stretch(stored, model)
-    shaded = roughness.clamp(min=least_roughness(model))
-    alpha2, steepness = shaded**4, x * x + y * y
-    tensor, seen = _stretched(alpha2, stretch, x, y, steepness)
-    nothing, colours = stored[..., :0], surface.maps(stored, model, Kind.REFLECTANCE)
-    return _Texel(
-        base=colours if has_metallic(model) else nothing,
-        metallic=surface.maps(stored, model, Kind.SHARE),
-        diffuse=colours[..., :3] if has_specular(model) else nothing,
-        specular=colours[..., 3:] if has_specular(model) else nothing,
-        roughness=roughness,
-        stretch=stretch,
-        log_gamma=surface.maps(stored, model, Kind.LOG_GAMMA),
-        normal=xy,
-        drop=drop,
-        slope=slope,
-        x=x,
-        y=y,
-        steepness=steepness,
-        alpha2=alpha2,
-        log_roughness=shaded.log(),
-        tensor=tensor,
-        height=1 / alpha2,
-        upward=alpha2 / (alpha2 + seen).square(),
-    )
+    def __init__(self, stored: Tensor, model: MaterialModel) -> None:
+        xy, z = torch.split(surface.unit_normals(stored, model), [2, 1], -1)
+        self.normal = xy
+        # 1 - n_z without cancellation: alpha^2 goes down to 4e-6, and spreads of normals are measured against it.
+        self.drop = torch.where(z > 0, xy.square().sum(-1, keepdim=True) / (1 + z.clamp(min=0)), 1 - z)
+        self.slope = xy / z.clamp(min=_MIN_HEIGHT)
+        self.x, self.y = self.slope[..., :1], self.slope[..., 1:]
+        self.roughness, self.stretch = surface.round_roughness(stored, model), surface.stretch(stored, model)
+        shaded = self.roughness.clamp(min=least_roughness(model))
+        self.alpha2, self.steepness = shaded**4, self.x * self.x + self.y * self.y
+        self.tensor, seen = _stretched(self.alpha2, self.stretch, self.x, self.y, self.steepness)
+        nothing, colours = stored[..., :0], surface.maps(stored, model, Kind.REFLECTANCE)
+        self.base = colours if has_metallic(model) else nothing
+        self.metallic = surface.maps(stored, model, Kind.SHARE)
+        self.diffuse = colours[..., :3] if has_specular(model) else nothing
+        self.specular = colours[..., 3:] if has_specular(model) else nothing
+        self.log_gamma = surface.maps(stored, model, Kind.LOG_GAMMA)
+        self.log_roughness = shaded.log()
+        self.height, self.upward = 1 / self.alpha2, self.alpha2 / (self.alpha2 + seen).square()
 
 
 def _stretched(alpha2: Tensor, stretch: Tensor, x: Tensor, y: Tensor, steepness: Tensor) -> tuple[Tensor, Tensor]:
@@ -177,5 +144,5 @@ def moment_count(model: MaterialModel) -> int:
 
 def moments(stored: Tensor, model: MaterialModel) -> Tensor:
     """(..., C) stored channels to (..., moment_count)."""
-    texel = _texel(stored, model)
+    texel = _Texel(stored, model)
     return torch.cat([each.metadata["of"](texel) for each in fields(Moments)], -1)

@@ -29,19 +29,6 @@ Layer = tuple[NDArray[np.float32], NDArray[np.float32]]
 """(G, C) or (G, C, 3, 3) weights and (G,) biases."""
 
 
-@dataclass(frozen=True)
-class Counts:
-    """What csrc/network says that a network must have: channels that are read and made, and numbers of its parts."""
-
-    read: int
-    made: int
-    inputs: int
-    moments: int
-    detail: int
-    features: int
-    outputs: int
-
-
 class Axis(NamedTuple):
     """What texels of an axis are summed from: (n, taps) each, `sharp` by the sharpened filter and `plain` by it."""
 
@@ -89,12 +76,12 @@ Plan: TypeAlias = tuple[_native.Network, Top, Sequence[Sink]]
 _INDEX = {name: index for index, name in enumerate(MODELS)}  # as csrc/cpu/network_latents.h numbers them
 
 
-def counts(kind: str, read: MaterialModel, made: MaterialModel) -> Counts:
-    """What a network of a kind, "moments" or "latents", must have."""
-    found = Counts(*_native.network_counts(kind, _INDEX[read.name], _INDEX[made.name]))
-    if (found.read, found.made) != (read.channels, made.channels):
+def feature_count(read: MaterialModel, made: MaterialModel) -> int:
+    """Numbers that csrc/network tells the decoder of a network of moments about a texel."""
+    *channels, _, _, _, features, _ = _native.network_counts("moments", _INDEX[read.name], _INDEX[made.name])
+    if channels != [read.channels, made.channels]:
         raise AssertionError(f"csrc/network/models.h has other channels for {read.name} or {made.name}")
-    return found
+    return features
 
 
 def network(

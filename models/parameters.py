@@ -156,15 +156,20 @@ def _log_tensor(stored: Tensor, lines: Lines) -> Tensor:
     return torch.cat([mean + d, mean - d, c], -1)
 
 
+def _parts(log_tensor: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Half of the trace, d, c, and half of what the eigenvalues differ by, which is never 0; (...) of (..., 3) each."""
+    a, b, c = log_tensor.unbind(-1)
+    mean, d = (a + b) / 2, (a - b) / 2
+    return mean, d, c, (d * d + c * c + 1e-12).sqrt()
+
+
 def _lobe(log_tensor: Tensor) -> dict[Kind, Tensor]:
     """Both roughnesses from the eigenvalues of the tensor, and the direction from the axis of the larger eigenvalue.
 
     Strength and direction have no derivative at isotropy, but what is shaded has: tiny amounts are added, so that the
     factors which grow there stay finite, and meet those which vanish.
     """
-    a, b, c = log_tensor.unbind(-1)
-    mean, d = (a + b) / 2, (a - b) / 2
-    radius = (d * d + c * c + 1e-12).sqrt()
+    mean, d, c, radius = _parts(log_tensor)
     wide, narrow = (clamp(mean + s * radius, MIN_LOG_ALPHA2, 0) for s in (1, -1))
     alpha = (narrow / 2).exp()
     strength = (((wide / 2).exp() - alpha) / (1 - alpha).clamp(min=1e-3) + 1e-8).sqrt()
@@ -259,9 +264,7 @@ def _with(level: Tensor, layout: MaterialModel, changed: Mapping[Kind, Tensor]) 
 
 def _within(log_tensor: Tensor, least: float) -> Tensor:
     """(..., 3) a, b, c whose eigenvalues lie between `least` and MAX_LOG_ALPHA2."""
-    a, b, c = log_tensor.unbind(-1)
-    mean, d = (a + b) / 2, (a - b) / 2
-    radius = (d * d + c * c + 1e-12).sqrt()
+    mean, d, c, radius = _parts(log_tensor)
     high = clamp(mean + radius, least, MAX_LOG_ALPHA2)
     low = clamp(mean - radius, least, MAX_LOG_ALPHA2)
     mean, shrink = (high + low) / 2, (high - low) / (2 * radius)

@@ -70,6 +70,17 @@ def extend(image: Tensor, border: int, wrap: Wrap) -> Tensor:
     return image[:, rows][:, :, columns]
 
 
+def cut_out(
+    image: NDArray[np.float32], rows: tuple[int, int], columns: tuple[int, int], border: int, wrap: Wrap
+) -> Tensor:
+    """(h + 2 border, w + 2 border, C) of (H, W, C): a tile of some rows and columns, with what lies around it."""
+    row, column = (
+        border_indices(first - border, last + border, size, mode).numpy()
+        for (first, last), size, mode in zip((rows, columns), image.shape, reversed(wrap), strict=False)
+    )
+    return torch.from_numpy(image[np.ix_(row, column)])
+
+
 def border_indices(start: int, stop: int, size: int, wrap: str) -> Tensor:
     """Texel that stands at each of start, ..., stop - 1 on an axis of that size and wrap mode."""
     index = torch.arange(start, stop)

@@ -68,7 +68,7 @@ def test_a_description_and_a_configuration_hold_all_of_it(architecture: str, tmp
 def test_the_loss_that_it_names_trains_all_of_it(architecture: str) -> None:
     """Each parameter moves in a step of a source that trains it; some start where their gradient vanishes."""
     config = training_of(architecture)
-    materials = Materials([bumpy(32, 32, 5).astype(np.float16)], ["bumps"], "gltf")
+    materials = Materials([bumpy(32, 32, 5).astype(np.float16)], "gltf")
     state = loop.new_state(config)
     loop.fit_whitening(state.network, materials, config)
     start = {name: value.detach().clone() for name, value in state.network.named_parameters()}

@@ -16,7 +16,7 @@ from mipbake.material.aim import Sampler
 from mipbake.material.pixel_filter import FILTERS, filtered_levels, level_sizes
 from mipbake.models.level_filter import width_of
 from mipbake.models.lookup_kernel import periodic_levels, sharpened, sharpening
-from mipbake.models.moment_config import FEATURES, MomentConfig, features
+from mipbake.models.moment_config import FEATURES, MomentConfig
 from mipbake.models.moment_inference import Lookup, bake_levels
 from mipbake.models.moment_network import MomentNetwork
 
@@ -208,7 +208,7 @@ def test_what_is_told_of_samplers_changes_all_levels_and_what_is_trained_is_what
 def test_the_rows_of_two_features_are_those_of_the_two_samplers() -> None:
     """Weights that were trained for these two alone make the same as ever; samplers between them are mixtures."""
     kinds = Sampler(), Sampler(16), Sampler(4, frames=8)
-    assert [features(each)[:2] for each in kinds] == [(1, 0), (0, 1), (0.5, 0.5)]
+    assert [MomentConfig(samplers=FEATURES[:2]).features(each) for each in kinds] == [(1, 0), (0, 1), (0.5, 0.5)]
     assert [width_of(2, each) for each in kinds[:2]] == [0.8, 1.0]
     assert width_of(2, Sampler(16, -1.0)) == pytest.approx(2**0.5)
     assert width_of(2, Sampler(16, -1.0, 8)) == width_of(2, Sampler(frames=8)) == 0.8

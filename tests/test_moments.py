@@ -14,7 +14,6 @@ from mipbake.material.pixel_filter import filtered_levels
 from mipbake.models.channels import count, parts
 from mipbake.models.corrections import Outputs
 from mipbake.models.moment_statistics import Statistics, feature_count
-from mipbake.models.moment_statistics import statistics as statistics_of
 from mipbake.models.moments import Moments, moment_count, moment_places
 from mipbake.models.moments import moments as moments_of
 
@@ -28,7 +27,7 @@ def moments(stored: torch.Tensor) -> torch.Tensor:
 
 
 def statistics(means: torch.Tensor) -> Statistics:
-    return statistics_of(means, GLTF)
+    return Statistics(means, GLTF)
 
 
 def test_statistics_are_those_of_closed_forms() -> None:
@@ -57,7 +56,7 @@ def test_statistics_of_stretched_lobes_are_those_of_lean() -> None:
     means = filtered_levels(moments_of(torch.from_numpy(stored), GGX).numpy(), "gaussian", TORUS)
     lean = Lean()(stored, "ggx", "ggx", "gaussian", TORUS, lambda _: None).levels
     for level, mean in enumerate(means):
-        found = statistics_of(torch.from_numpy(mean), GGX)
+        found = Statistics(torch.from_numpy(mean), GGX)
         stretch = (found.stretch + found.lean_stretch).numpy()
         middle = 4 * (found.log_roughness + found.to_lean).numpy()
         tensor = np.concatenate([middle + stretch[..., :1], middle - stretch[..., :1], stretch[..., 1:]], -1)
@@ -82,7 +81,7 @@ def test_bright_texels_have_their_reflectance() -> None:
     stored = np.zeros((16, 16, 11), np.float32)
     stored[..., 3:6], stored[..., 8:10] = 0.04, -1.0
     stored[:8, :, 3:6], stored[:8, :, 8:10] = (1.0, 0.8, 0.3), -8.0
-    found = statistics_of(moments_of(torch.from_numpy(stored), GGX).mean((0, 1)), GGX)
+    found = Statistics(moments_of(torch.from_numpy(stored), GGX).mean((0, 1)), GGX)
     for change in (found.tall_specular, found.upward_specular):
         torch.testing.assert_close(found.specular + change, torch.tensor([1.0, 0.8, 0.3]), atol=1e-2, rtol=0)
 

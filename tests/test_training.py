@@ -117,6 +117,11 @@ def test_paper_configurations_are_those_of_its_section_3_4(path: Path) -> None:
         ({"optimiser": {"fall_from": 5, "fall_until": 2}}, "fall_until"),
         ({"data": {"captured_sets": 1}}, r"network\.encoders.*beckmann where data\.captured_sets is not 0"),
         ({"network": {"encoders": ["gltf-anisotropic"]}}, r"network\.encoders must be of"),
+        (
+            {"data": {"procedural_sets": 1, "procedural_size": 32}, "loss": {"crop_size": 64}},
+            r"data\.procedural_size must be at least loss\.crop_size, which is 64, got 32",
+        ),
+        ({"network": {"encoders": ["ggx", 1]}}, r"network\.encoders must be a list of strings"),
         ({"network": {"architecture": []}}, r"network\.architecture must be one of latent, moments, got \[\]"),
         (
             {"network": {"architecture": "moments"}, "loss": {"kind": "balanced", "grazing": 1.0}},
@@ -241,7 +246,7 @@ def ramps(sets: int = 6) -> data.Materials:
         image[..., 3:6] = 0.04 + 0.01 * np.arange(48)[:, None]  # rises from left to right
         image[..., 8:10] = -4.0
         images.append(image.astype(np.float16))
-    return data.Materials(images, [f"set {index}" for index in range(sets)], "ggx")
+    return data.Materials(images, "ggx")
 
 
 @pytest.mark.parametrize("name", ["paper-ggx", "mipbake-1"])

@@ -157,7 +157,7 @@ def test_training_moves_every_parameter_and_lowers_the_error(model: str) -> None
     anisotropic model it fell in 0.65 to 0.96 of them.
     """
     config = tiny(run={"steps": 160}, network={"decoders": [model]}, optimiser={"learning_rate": 3e-3})
-    materials = Materials([bumpy(32, 32, 5).astype(np.float16)], ["bumps"], "gltf")
+    materials = Materials([bumpy(32, 32, 5).astype(np.float16)], "gltf")
     state = loop.new_state(config)
     held = [batches.draw_batch(materials, config, 1000 + i) for i in range(16)]
 
@@ -201,7 +201,7 @@ def test_plain_and_strided_patches_are_materials_of_the_data() -> None:
     config = tiny(data={"plain": 1.0, "strided": 1.0})
     image = bumpy(128, 128, 2)
     image[..., :3] = np.sort(image[..., :3], -1)  # the order of colours is drawn, too
-    materials = Materials([image.astype(np.float16)], ["one"], "gltf")
+    materials = Materials([image.astype(np.float16)], "gltf")
     patches = draw_crops(materials, 4, 16, "gltf", np.random.default_rng(0), config.data)
     texels = {tuple(t) for t in image.astype(np.float16).astype(np.float32)[..., :5].reshape(-1, 5)}
     for patch in patches:

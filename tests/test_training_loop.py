@@ -23,6 +23,7 @@ from mipbake.training.export import card, export_weights
 from mipbake.training.procedural import procedural_set
 from mipbake.training.validation import Validator
 
+from .moment_cases import bumpy
 from .small_training import SMALL, tiny, train
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -53,6 +54,7 @@ def test_resumed_equals_uninterrupted(tmp_path: Path, models: list[str]) -> None
 
 
 def test_training_writes_checkpoints_logs_and_pictures(tmp_path: Path) -> None:
+    (tmp_path / "validation.csv").write_text("step,old\n0,1\n4,1")  # of a training without a checkpoint
     train(tiny(), tmp_path, resume=False)
     names = {path.name for path in tmp_path.iterdir()}
     assert {"last.npz", "best.npz", "log.csv", "validation.csv", "validation-0000004.png"} <= names
@@ -62,6 +64,13 @@ def test_training_writes_checkpoints_logs_and_pictures(tmp_path: Path) -> None:
     assert [row[0] for row in rows] == ["0", "4", "6"]
     with pytest.raises(UsageError, match="--resume"):
         train(tiny(), tmp_path, resume=False)
+    with (tmp_path / "validation.csv").open("a") as table:
+        table.write("1")  # of a row that a crash cut short
+    (tmp_path / "log.csv").write_text("")
+    train(tiny(run={"steps": 7}), tmp_path, resume=True)
+    for table, steps in (("validation", ["0", "4", "6", "7"]), ("log", ["7"])):
+        header, *rows = csv.reader((tmp_path / f"{table}.csv").open())
+        assert header[0] == "step" and [row[0] for row in rows] == steps
 
 
 def test_resuming_refuses_another_configuration(tmp_path: Path) -> None:
@@ -98,6 +107,12 @@ def test_an_untrained_network_scores_like_averaging() -> None:
     np.testing.assert_allclose(score.network[..., 0], score.baselines["linear"][..., 0], atol=0.5)
     methods = ("network", "linear", "lean")
     assert score.columns().keys() == {f"{m} {s}" for m in methods for s in ("near-mirror", "hemisphere")}
+
+
+def test_of_a_set_that_is_smaller_than_a_patch_a_smaller_square_is_validated() -> None:
+    image = bumpy(12, 40)
+    validator = Validator(data.Materials([image.astype(np.float16)], "gltf"), tiny().network, "gaussian", SMALL)
+    np.testing.assert_allclose(validator.patches[0].stored, image[2:10, 16:24], atol=1e-3)
 
 
 def test_tensorboard_gets_the_same_figures(tmp_path: Path) -> None:

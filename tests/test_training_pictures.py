@@ -87,7 +87,7 @@ def test_the_gradient_is_the_derivative_of_what_is_off(sampler: Sampler) -> None
 
 def test_steps_draw_pictures_for_samplers_as_often_as_is_asked() -> None:
     settings = {"crops": 1, "crop_size": 16, "rooms": 0, "pictures": 2}
-    materials = Materials([bumpy(32, 32, 5).astype(np.float16)], ["bumps"], "gltf")
+    materials = Materials([bumpy(32, 32, 5).astype(np.float16)], "gltf")
     for share, others, samplers in (
         (0.0, 0.0, {TRILINEAR}),
         (1.0, 0.0, {ANISOTROPIC}),
@@ -111,7 +111,7 @@ def test_training_on_pictures_moves_every_parameter_and_makes_them_right() -> No
         loss={"rooms": 0, "pictures": 2, "picture_weight": 3.0, "anisotropic": 0.5},
         optimiser={"learning_rate": 3e-3},
     )
-    materials = Materials([bumpy(32, 32, 5).astype(np.float16)], ["bumps"], "gltf")
+    materials = Materials([bumpy(32, 32, 5).astype(np.float16)], "gltf")
     state = loop.new_state(config)
     held = [batches.draw_batch(materials, config, 1000 + index) for index in range(6)]
 

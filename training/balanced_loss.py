@@ -35,7 +35,7 @@ from mipbake.sampling import texture
 from mipbake.shading import shade
 from mipbake.training.balanced_pairs import Pairs, draw_pairs
 from mipbake.training.base import TORUS, Batch, Loss
-from mipbake.training.checks import require, require_power_of_two, require_share
+from mipbake.training.checks import require, require_least, require_power_of_two, require_shares
 from mipbake.training.picture_loss import SeenPictures, draw_pictures
 
 _FLOOR = 3e-5  # relative error below which a render counts as right: 45 dB
@@ -158,14 +158,12 @@ class BalancedLossConfig(Loss[BalancedBatch]):
     other_samplers: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("crops", "near_mirror", "hemisphere", "narrow_lobes", "wide_lobes", "room_lights"):
-            require(getattr(self, name) >= 1, f"loss.{name}", "at least 1", getattr(self, name))
+        kinds = "near_mirror", "hemisphere", "narrow_lobes", "wide_lobes"
         weights = "mirror_weight", "hemisphere_weight", "light_weight", "room_weight", "blur_weight", "mean_weight"
-        for name in ("rooms", "pictures", "picture_weight", *weights):
-            require(getattr(self, name) >= 0, f"loss.{name}", "at least 0", getattr(self, name))
+        require_least(1, self, "loss", "crops", *kinds, "room_lights")
+        require_least(0, self, "loss", "rooms", "pictures", "picture_weight", *weights)
         require_power_of_two("loss.crop_size", self.crop_size)
-        for name in ("grazing", "any_filter", "below", "anisotropic", "other_samplers"):
-            require_share(f"loss.{name}", getattr(self, name))
+        require_shares(self, "loss", "grazing", "any_filter", "below", "anisotropic", "other_samplers")
         drawn = self.anisotropic + self.other_samplers
         require(drawn <= 1, "loss.anisotropic and loss.other_samplers", "at most 1 together", drawn)
         require(self.grazing < 1, "loss.grazing", "below 1, or no pair is seen from above", self.grazing)

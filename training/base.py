@@ -32,32 +32,34 @@ class Batch:
 
     def to(self, device: torch.device) -> Self:
         """The same on a device; itself where all of it is there."""
-        return self if self.patches.device == device else _mapped(self, lambda tensor: tensor.to(device))
+        return self if self.patches.device == device else mapped(self, lambda tensor: tensor.to(device))
 
     def tensors(self) -> list[Tensor]:
         """All tensors, in an order of their own."""
         found: list[Tensor] = []
-        _mapped(self, found.append)
+        mapped(self, found.append)
         return found
 
     def kind(self) -> str:
         """What batches share that a network and a loss do the same with: everything but the numbers in tensors."""
-        return repr(_mapped(self, lambda tensor: (tensor.dtype, tuple(tensor.shape))))
+        return repr(mapped(self, lambda tensor: (tensor.dtype, tuple(tensor.shape))))
 
 
 _Part = TypeVar("_Part")
 
 
-def _mapped(part: _Part, change: Callable[[Tensor], object]) -> _Part:
+def mapped(part: _Part, change: Callable[[Tensor], object]) -> _Part:
     """Tensors, and tensors in what holds them, changed; anything else as it is."""
     made: Any = part
     if isinstance(part, Tensor):
         made = change(part)
     elif isinstance(part, tuple):
-        each = [_mapped(inner, change) for inner in part]
+        each = [mapped(inner, change) for inner in part]
         made = type(part)(*each) if hasattr(part, "_fields") else tuple(each)
+    elif isinstance(part, dict):
+        made = {key: mapped(inner, change) for key, inner in part.items()}
     elif is_dataclass(part) and not isinstance(part, type):
-        made = replace(part, **{field.name: _mapped(getattr(part, field.name), change) for field in fields(part)})
+        made = replace(part, **{field.name: mapped(getattr(part, field.name), change) for field in fields(part)})
     return cast(_Part, made)
 
 

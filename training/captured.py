@@ -104,10 +104,11 @@ def captured(kind: Substance, rng: np.random.Generator, size: int) -> NDArray[np
     # Roughness varies with what the height and the wear are, and from one region to the other.
     varied = rng.uniform(-0.3, 0.3) * standardise(height) + rng.uniform(-0.35, 0.35) * wear
     varied += rng.normal(0, 0.4) * region + rng.uniform(0, 0.15) * noise(rng, size, 0.4)
-    log_alpha = math.log(_between(rng, kind.alpha)) + np.clip(varied, -1.2, 1.2)
-    log_gamma = math.log(_between(rng, kind.gamma)) + rng.uniform(-0.1, 0.7) * np.clip(varied, -1.2, 1.2)
+    varied = np.clip(varied, -1.2, 1.2)
+    log_alpha = math.log(_between(rng, kind.alpha)) + varied
+    log_gamma = math.log(_between(rng, kind.gamma)) + rng.uniform(-0.1, 0.7) * varied
     log_gamma += rng.normal(0, 0.2) * region + rng.uniform(0, 0.1) * wear
-    albedo, specular = _colours(kind, rng, height, wear, region, np.clip(varied, -1.2, 1.2))
+    albedo, specular = _colours(kind, rng, height, wear, region, varied)
     tensor = _tensor(kind, rng, log_alpha, region, normal)
     log_gamma = np.clip(log_gamma, -MAX_LOG_GAMMA, MAX_LOG_GAMMA)[..., None]
     return np.concatenate([albedo, specular, normal[..., :2], tensor, log_gamma], -1).astype(np.float32)

@@ -11,9 +11,18 @@ def require(condition: bool, name: str, expected: str, got: object) -> None:
         raise UsageError(f"{name} must be {expected}, got {got!r}")
 
 
-def require_share(name: str, value: float) -> None:
-    """UsageError unless the value is a share."""
-    require(0 <= value <= 1, name, "between 0 and 1", value)
+def require_least(least: int, settings: object, section: str, *names: str) -> None:
+    """UsageError unless the settings of those names are numbers of at least so much."""
+    for name in names:
+        value = getattr(settings, name)
+        require(value >= least, f"{section}.{name}", f"at least {least}", value)
+
+
+def require_shares(settings: object, section: str, *names: str) -> None:
+    """UsageError unless the settings of those names are shares."""
+    for name in names:
+        value = getattr(settings, name)
+        require(0 <= value <= 1, f"{section}.{name}", "between 0 and 1", value)
 
 
 def require_power_of_two(name: str, value: int) -> None:

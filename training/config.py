@@ -18,7 +18,7 @@ from mipbake.models.architectures import ARCHITECTURES
 from mipbake.models.latent_config import LatentConfig
 from mipbake.training.base import Loss
 from mipbake.training.captured import MODEL as CAPTURED
-from mipbake.training.checks import require, require_share
+from mipbake.training.checks import require, require_least, require_shares
 from mipbake.training.loss import SingleLightsLossConfig
 from mipbake.training.losses import LOSSES
 
@@ -66,11 +66,9 @@ class DataConfig:
 
     def __post_init__(self) -> None:
         require(self.held_out == 0 or self.held_out > 1, "data.held_out", "0 or at least 2", self.held_out)
-        require(self.procedural_sets >= 0, "data.procedural_sets", "at least 0", self.procedural_sets)
-        require(self.procedural_size >= 32, "data.procedural_size", "at least 32", self.procedural_size)
-        require(self.captured_sets >= 0, "data.captured_sets", "at least 0", self.captured_sets)
-        for name in ("strided", "plain"):
-            require_share(f"data.{name}", getattr(self, name))
+        require_least(0, self, "data", "procedural_sets", "captured_sets")
+        require_least(32, self, "data", "procedural_size")
+        require_shares(self, "data", "strided", "plain")
         require(self.mixed in MIXED, "data.mixed", f"one of {', '.join(MIXED)}", self.mixed)
 
 
@@ -111,10 +109,8 @@ class OptimiserConfig:
         for name in ("beta1", "beta2", "ema_decay"):
             value = getattr(self, name)
             require(0 <= value < 1, f"optimiser.{name}", "at least 0 and below 1", value)
-        for name in ("ramp", "halve_every"):
-            require(getattr(self, name) >= 1, f"optimiser.{name}", "at least 1", getattr(self, name))
-        for name in ("fall_from", "clip"):
-            require(getattr(self, name) >= 0, f"optimiser.{name}", "at least 0", getattr(self, name))
+        require_least(1, self, "optimiser", "ramp", "halve_every")
+        require_least(0, self, "optimiser", "fall_from", "clip")
         require(self.fall_until >= self.fall_from, "optimiser.fall_until", "at least fall_from", self.fall_until)
 
     def rate(self, step: int) -> float:
@@ -150,9 +146,8 @@ class RunConfig:
     uses: int = 1
 
     def __post_init__(self) -> None:
-        for name in ("steps", "log_every", "validate_every", "checkpoint_every", "uses"):
-            require(getattr(self, name) >= 1, f"run.{name}", "at least 1", getattr(self, name))
-        require(self.seed >= 0, "run.seed", "at least 0", self.seed)
+        require_least(1, self, "run", "steps", "log_every", "validate_every", "checkpoint_every", "uses")
+        require_least(0, self, "run", "seed")
 
 
 @dataclass(frozen=True)
@@ -168,7 +163,10 @@ class TrainingConfig:
     def __post_init__(self) -> None:
         for model in self.network.encoders:
             require(model in AUGMENTED, "network.encoders", f"of {', '.join(AUGMENTED)} in a training", model)
-        network = self.network
+        network, size = self.network, self.loss.crop_size
+        if self.data.captured_sets or self.data.procedural_sets:
+            expected = f"at least loss.crop_size, which is {size}"
+            require(self.data.procedural_size >= size, "data.procedural_size", expected, self.data.procedural_size)
         if self.data.captured_sets:
             expected = f"{CAPTURED} where data.captured_sets is not 0"
             require(CAPTURED in network.encoders, "network.encoders", expected, network.encoders)
@@ -215,23 +213,23 @@ def _section(name: str, kind: type[Any], content: Any) -> Any:
     types = {f.name: hints[f.name] for f in fields(kind)}
     _known(content, types, f"field of [{name}]")
     values: dict[str, Any] = {}
-    for key, value in content.items():
-        expected = types[key]
-        if expected == tuple[str, ...]:
-            right = isinstance(value, (list, tuple)) and all(isinstance(v, str) for v in value)
-            require(right, f"{name}.{key}", "a list of strings", value)
-            values[key] = tuple(value)
-            continue
-        if expected is float and isinstance(value, int) and not isinstance(value, bool):
-            values[key] = float(value)
-            continue
-        right = isinstance(value, expected) and (expected is bool or not isinstance(value, bool))
-        require(right, f"{name}.{key}", _WORDS[expected], value)
+    for key, given in content.items():
+        value, expected = given, types[key]
+        right = type(given) is expected
+        if expected is float and type(given) is int:
+            value, right = float(given), True
+        elif expected == _TEXTS and isinstance(given, (list, tuple)):
+            value, right = tuple(given), all(isinstance(each, str) for each in given)
+        require(right, f"{name}.{key}", _WORDS[expected], given)
         values[key] = value
     return kind(**values)
 
 
-_WORDS: Mapping[Any, str] = {int: "a whole number", float: "a number", str: "a string", bool: "true or false"}
+_TEXTS = tuple[str, ...]
+_WORDS: Mapping[Any, str] = {
+    **{int: "a whole number", float: "a number", str: "a string", bool: "true or false"},
+    _TEXTS: "a list of strings",
+}
 
 
 def _known(content: Mapping[str, Any], known: Mapping[str, Any], what: str) -> None:

@@ -30,13 +30,11 @@ class Materials:
 
     Args:
         images: (H, W, C) stored channels each, float16: half the memory, and finer than 8-bit sources.
-        names: of the sets.
         model: material model of the images.
         captured: sets in a model of their own, which are read in that model alone, beside the others; None for none.
     """
 
     images: Sequence[NDArray[np.float16]]
-    names: Sequence[str]
     model: str
     captured: Materials | None = None
 
@@ -77,35 +75,28 @@ def load_materials(config: TrainingConfig) -> tuple[Materials, Materials]:
         raise UsageError("no training data: set data.folder, or data.procedural_sets to at least 1")
     train, held_out = _folder(data, model, config.loss.crop_size) if data.folder else ([], [])
     train += [_procedural(seed, data, model) for seed in range(data.procedural_sets)]
-    if not held_out:
-        held_out = [_procedural(_VALIDATION_SEEDS + i, data, model) for i in range(_GENERATED)]
+    validation_seeds = range(_VALIDATION_SEEDS, _VALIDATION_SEEDS + _GENERATED)
+    held_out = held_out or [_procedural(seed, data, model) for seed in validation_seeds]
     beside: list[Materials | None] = [None, None]
     if data.captured_sets:
-        seeds = range(data.captured_sets), range(_VALIDATION_SEEDS, _VALIDATION_SEEDS + _GENERATED)
-        beside = [_captured(each, data.procedural_size) for each in seeds]
-    return _materials(train, model, beside[0]), _materials(held_out, model, beside[1])
+        beside = [
+            Materials([captured_set(seed, data.procedural_size).astype(np.float16) for seed in seeds], CAPTURED)
+            for seeds in (range(data.captured_sets), validation_seeds)
+        ]
+    return Materials(train, model, beside[0]), Materials(held_out, model, beside[1])
 
 
-def _materials(sets: _Sets, model: str, captured: Materials | None = None) -> Materials:
-    return Materials([image for _, image in sets], [name for name, _ in sets], model, captured)
+_Images = list[NDArray[np.float16]]
 
 
-def _captured(seeds: range, size: int) -> Materials:
-    sets = [(f"captured-{seed}", captured_set(seed, size).astype(np.float16)) for seed in seeds]
-    return _materials(sets, CAPTURED)
-
-
-_Sets = list[tuple[str, NDArray[np.float16]]]
-
-
-def _folder(data: DataConfig, model: str, crop_size: int) -> tuple[_Sets, _Sets]:
+def _folder(data: DataConfig, model: str, crop_size: int) -> tuple[_Images, _Images]:
     import mipbake
 
     folder = Path(data.folder)
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder of texture sets; set data.folder or pass --data")
-    train: _Sets = []
-    held_out: _Sets = []
+    train: _Images = []
+    held_out: _Images = []
     for index, path in enumerate(sorted(p for p in folder.iterdir() if p.is_dir())):
         try:
             stored = mipbake.load(path).material(model)
@@ -114,15 +105,14 @@ def _folder(data: DataConfig, model: str, crop_size: int) -> tuple[_Sets, _Sets]
         if min(stored.shape[:2]) < crop_size:
             raise InputError(f"{path}: {stored.shape[1]} x {stored.shape[0]} texels, expected at least {crop_size}")
         kept = data.held_out and index % data.held_out == data.held_out - 1
-        (held_out if kept else train).append((path.name, stored.astype(np.float16)))
+        (held_out if kept else train).append(stored.astype(np.float16))
     if not train:
         raise InputError(f"{folder}: no texture sets found, expected one in each subfolder")
     return train, held_out
 
 
-def _procedural(seed: int, data: DataConfig, model: str) -> tuple[str, NDArray[np.float16]]:
-    stored = material.convert(procedural_set(seed, data.procedural_size), MODEL, model)
-    return f"procedural-{seed}", stored.astype(np.float16)
+def _procedural(seed: int, data: DataConfig, model: str) -> NDArray[np.float16]:
+    return material.convert(procedural_set(seed, data.procedural_size), MODEL, model).astype(np.float16)
 
 
 def draw_crops(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import re
 from pathlib import Path
@@ -16,7 +15,7 @@ from mipbake.training.config import TrainingConfig
 from mipbake.training.loop import load_state
 from mipbake.training.validation import Figures
 
-_CARD = """# {name}
+_CARD = """# {info.name}
 
 The trained weights of a network, for the method `neural` of mipbake.
 
@@ -25,20 +24,20 @@ The trained weights of a network, for the method `neural` of mipbake.
 | Reads | {encoders} |
 | Makes | {decoders} |
 | Pixel filters | {filters} |
-| Method | {method} |
-| Encoder | {encoder} |
-| Latents | {latents} |
-| Decoder | {decoder} |
+| Method | {described.method} |
+| Encoder | {described.encoder} |
+| Latents | {described.latents} |
+| Decoder | {described.decoder} |
 | Parameters | {parameters} |
-| Trained on | {data} |
-| Licence of the data | {data_licence} |
-| Training | {steps} steps, in each {crops} of {crop_size} x {crop_size} texels |
-| Light-view pairs | {pairs} for each patch, {drawn} |
-| Revision of mipbake | {commit} |
-| Licence of the weights | {licence} |
-| SHA-256 | `{sha256}` |
+| Trained on | {info.data} |
+| Licence of the data | {info.data_licence} |
+| Training | {info.steps} steps, in each {crops} of {loss.crop_size} x {loss.crop_size} texels |
+| Light-view pairs | {loss.pairs} for each patch, {loss.drawn} |
+| Revision of mipbake | {info.commit} |
+| Licence of the weights | {info.licence} |
+| SHA-256 | `{info.sha256}` |
 
-The weights hold no texel of the data. Levels of detail beyond {max_lod} are extrapolated: the training saw none.
+The weights hold no texel of the data. Levels of detail beyond {loss.max_lod} are extrapolated: the training saw none.
 
 {validation}
 """
@@ -59,8 +58,8 @@ def export_weights(checkpoint: Path, name: str, folder: Path, default: bool) -> 
     """Writes NAME.safetensors, NAME.json and NAME.md from the averaged weights of a checkpoint.
 
     Raises:
-        UsageError: the name is not a plain file name, the checkpoint is a baseline, or other weights in
-            the folder are the default already.
+        UsageError: the name is not a plain file name, the checkpoint is a baseline, or other weights in the folder are
+            the default already.
         InputError: the checkpoint cannot be read. OutputError: the folder cannot be written.
     """
     import torch
@@ -69,7 +68,7 @@ def export_weights(checkpoint: Path, name: str, folder: Path, default: bool) -> 
     if not re.fullmatch(r"[a-z0-9][a-z0-9._-]*", name):
         raise UsageError(f"weights' name {name!r} must be lower-case letters, digits, '.', '_' and '-'")
     state = load_state(checkpoint)
-    network, described = state.config.network, state.config.network.describe()
+    config, described = state.config, state.config.network.describe()
     if described is None:
         raise UsageError(f"{checkpoint}: a baseline, which is compared with and not released; export another training")
     tensors = {
@@ -77,10 +76,9 @@ def export_weights(checkpoint: Path, name: str, folder: Path, default: bool) -> 
         for key, value in state.average.state_dict().items()
     }
     content = save(tensors)
-    config = state.config
     info = WeightsInfo(
         name=name,
-        network=network,
+        network=config.network,
         pixel_filters=config.loss.pixel_filters,
         default=default,
         steps=state.step,
@@ -116,26 +114,16 @@ def card(info: WeightsInfo, described: Description, config: TrainingConfig, para
         parameters: how many numbers the network has.
         figures: of the last validation before; empty where there was none.
     """
-    network, loss = info.network, config.loss
     return _CARD.format(
-        name=info.name,
-        encoders=_listed(network.encoders),
-        decoders=_listed(network.decoders),
+        info=info,
+        loss=config.loss,
+        described=described,
+        encoders=_listed(info.network.encoders),
+        decoders=_listed(info.network.decoders),
         filters=_listed(info.pixel_filters),
-        **dataclasses.asdict(described),
         parameters=parameters,
-        data=info.data,
-        data_licence=info.data_licence,
-        steps=info.steps,
-        crops="1 patch" if loss.crops == 1 else f"{loss.crops} patches",
-        crop_size=loss.crop_size,
-        pairs=loss.pairs,
-        drawn=loss.drawn,
+        crops="1 patch" if config.loss.crops == 1 else f"{config.loss.crops} patches",
         validation=_validation(figures),
-        commit=info.commit,
-        licence=info.licence,
-        sha256=info.sha256,
-        max_lod=loss.max_lod,
     )
 
 

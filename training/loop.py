@@ -26,19 +26,19 @@ from mipbake.base.messages import one_line
 from mipbake.base.progress import ProgressLine
 from mipbake.base.publish import replaced_file, writing
 from mipbake.models.base import Network
-from mipbake.training.base import Batch
+from mipbake.training.base import Batch, mapped
 from mipbake.training.batches import batches
 from mipbake.training.config import RunConfig, TrainingConfig, config_from, plain
 from mipbake.training.data import Materials, draw_crops, load_materials, step_generator
 from mipbake.training.optimiser import FlatAdam
-from mipbake.training.ranks import Ranks, on_processor, ranks
+from mipbake.training.ranks import Ranks, ranks
 from mipbake.training.recorded import RecordedSteps
 from mipbake.training.validation import Figures, ValidationEffort, Validator
 
 LAST, BEST = "last.npz", "best.npz"
 
 _FORMAT = 1  # of a checkpoint
-
+_ADVICE = f"train anew, or --start from the {BEST} beside it"
 _CPU = torch.device("cpu")
 _WHITENING_SAMPLES = 16  # patches; section 3.4 of the paper
 _WHITENING_STEP = 2**62  # random numbers of their own, apart from every step's; a seed
@@ -78,11 +78,6 @@ class TrainingState:
     commit: str = "unknown"
     recorded: RecordedSteps | None = None
 
-    @property
-    def device(self) -> torch.device:
-        """Where the network lies."""
-        return next(self.network.parameters()).device
-
     def advance(self, batch: Batch, among: Ranks = Ranks()) -> Tensor:  # noqa: B008
         """One optimisation step; returns its loss, here alone where several processes train."""
         loss = (self.recorded or self._losses)(batch)
@@ -94,7 +89,7 @@ class TrainingState:
     def _losses(self, batch: Batch) -> Tensor:
         """The loss, and the gradients of all parameters where they lie."""
         self.optimiser.zero_grad()
-        loss: Tensor = self.config.loss.value(self.network, batch.to(self.device))
+        loss: Tensor = self.config.loss.value(self.network, batch.to(self.network.device))
         loss.backward()  # type: ignore[no-untyped-call]
         return loss.detach()
 
@@ -118,7 +113,7 @@ class TrainingState:
 
 def checkpoint_at(path: Path) -> Checkpoint:
     """A file that a training is kept in."""
-    return Checkpoint(path, "training", _FORMAT, f"train anew, or --start from the {BEST} beside it")
+    return Checkpoint(path, "training", _FORMAT, _ADVICE)
 
 
 def device_named(name: str) -> torch.device:
@@ -160,8 +155,7 @@ def load_state(path: Path, device: torch.device = _CPU) -> TrainingState:
         return state_of({**about, "tensors": {name: torch.from_numpy(each) for name, each in arrays.items()}}, device)
     except Exception as error:
         raise InputError(
-            f"{path}: not a checkpoint of this version's training ({one_line(str(error))[:120]}): train anew, or "
-            f"--start from the {BEST} beside it"
+            f"{path}: not a checkpoint of this version's training ({one_line(str(error))[:120]}): {_ADVICE}"
         ) from error
 
 
@@ -261,7 +255,8 @@ def train(
         where = device_named(among.device(device))
         if among.first:
             held.enter_context(alone_with(out / LAST))
-            _check_folder(out, resume)
+            if not resume and (out / LAST).exists():
+                raise UsageError(f"{out}: holds a training already; pass --resume to continue it, or another --out")
         train_materials, held_out = load_materials(config)
         if not among.first:
             state = state_of(among.of_first(None), where)
@@ -278,15 +273,10 @@ def train(
                 new = start_from(state, start)
                 say(f"weights of {start}" + (f", except for {', '.join(new)}, which are new" if new else ""))
             state.average.load_state_dict(state.network.state_dict())
-        among.of_first(on_processor(state.content()))
+        among.of_first(mapped(state.content(), Tensor.cpu))  # other processes have other cards
         coming = batches(train_materials, config, state.step, among, batches_ahead(where))
         _trained(state, out, resume, coming, among, say, held_out, effort)
         return state
-
-
-def _check_folder(out: Path, resume: bool) -> None:
-    if not resume and (out / LAST).exists():
-        raise UsageError(f"{out}: holds a training already; pass --resume to continue it, or another --out")
 
 
 def _trained(
@@ -302,7 +292,7 @@ def _trained(
     """Trains on the batches that come, and writes what becomes of it."""
     config = state.config
     validator = Validator(held_out, config.network, config.loss.pixel_filter, effort)
-    logs = _Logs(out, config.run, state.step)
+    logs = _Logs(out, config.run, state.step if resume else None)
 
     def validate() -> None:
         score = validator.score(state.average)
@@ -339,19 +329,27 @@ def _trained(
 
 
 class _Logs:
-    """CSV files, one a table, and TensorBoard where configured. A resumed run drops the rows it will write again."""
+    """CSV files, one a table, and TensorBoard where configured.
 
-    def __init__(self, out: Path, run: RunConfig, step: int) -> None:
+    Args:
+        step: that a run is resumed from, which drops the rows that it will write again; None for a new run.
+    """
+
+    def __init__(self, out: Path, run: RunConfig, step: int | None) -> None:
         self._out = out
         self._board = _tensorboard(out) if run.tensorboard else None
         for path in (out / f"{table}.csv" for table in ("log", "validation")):
-            if path.exists():
-                head, *rows = path.read_text(encoding="utf-8").splitlines(keepends=True)
-                replaced_file(path, "".join([head, *(r for r in rows if int(r.split(",")[0]) <= step)]).encode())
+            if step is None:
+                path.unlink(missing_ok=True)
+            elif path.exists():
+                head, *rows = path.read_text(encoding="utf-8").splitlines(keepends=True) or [""]
+                steps = [row.split(",")[0] if row.endswith("\n") else "" for row in rows]  # a crash cuts the last one
+                kept = [row for row, at in zip(rows, steps, strict=True) if at.isdecimal() and int(at) <= step]
+                replaced_file(path, "".join([head, *kept]).encode())
 
     def write(self, table: str, step: int, values: dict[str, float]) -> None:
         path = self._out / f"{table}.csv"
-        new = not path.exists()
+        new = not path.exists() or not path.stat().st_size
         with writing(f"cannot write {path}"), path.open("a", newline="", encoding="utf-8") as file:
             writer = csv.writer(file, lineterminator="\n")
             if new:

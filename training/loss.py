@@ -30,7 +30,7 @@ from mipbake.quality.reference.samples import Pixels
 from mipbake.sampling import texture
 from mipbake.shading import _forward
 from mipbake.training.base import TORUS, Batch, Loss
-from mipbake.training.checks import require, require_power_of_two, require_share
+from mipbake.training.checks import require, require_least, require_power_of_two, require_shares
 
 EPSILON = 1e-4
 """Epsilon of equation 5, per summed value: a render whose mean square radiance lies below it counts less and less. So a
@@ -90,10 +90,9 @@ class SingleLightsLossConfig(Loss[SingleLightsBatch]):
     target_samples: int = 1
 
     def __post_init__(self) -> None:
-        for name in ("crops", "pairs", "lods", "target_samples"):
-            require(getattr(self, name) >= 1, f"loss.{name}", "at least 1", getattr(self, name))
+        require_least(1, self, "loss", "crops", "pairs", "lods", "target_samples")
         require_power_of_two("loss.crop_size", self.crop_size)
-        require_share("loss.near_mirror_fraction", self.near_mirror_fraction)
+        require_shares(self, "loss", "near_mirror_fraction")
         require(self.pairs % self.target_samples == 0, "loss.target_samples", "a divisor of pairs", self.target_samples)
         filter_named(self.pixel_filter)
 

@@ -12,7 +12,7 @@ import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import torch
 import torch.distributed as dist
@@ -88,14 +88,3 @@ def ranks(device: str) -> Iterator[Ranks]:
         yield made
     finally:
         dist.destroy_process_group()
-
-
-def on_processor(content: Any) -> Any:
-    """The same dictionaries and lists, with their tensors on the processor: other processes have other cards."""
-    if isinstance(content, Tensor):
-        return content.cpu()
-    if isinstance(content, dict):
-        return {key: on_processor(value) for key, value in content.items()}
-    if isinstance(content, (list, tuple)):
-        return type(content)(on_processor(value) for value in content)
-    return content

@@ -26,6 +26,7 @@ from mipbake.material.pixel_filter import Wrap
 from mipbake.models.architecture import Architecture
 from mipbake.models.base import Network
 from mipbake.quality.metrics import PAIR_SETS, pair_set, snr_from_sums, snr_sums
+from mipbake.quality.metrics.images import tonemapped
 from mipbake.quality.metrics.pairs import WeightedPairs
 from mipbake.quality.reference.estimate import reference
 from mipbake.quality.reference.pair_sets import weighted_pair_set
@@ -52,10 +53,9 @@ class ValidationEffort:
     """How much a validation measures.
 
     Args:
-        patches: held-out patches. patch_size: their side in texels.
+        patches: held-out patches. patch_size: their side in texels, a power of two; less where a set is smaller.
         pairs: light-view pairs of each pair set. points: pixels of each level of detail.
         samples: of a pixel of the reference. picture_samples: of a pixel of the pictured reference.
-
     """
 
     patches: int = 8
@@ -154,9 +154,8 @@ class Validator:
 
     def stacks(self, network: Network, patch: _Patch) -> dict[str, list[NDArray[np.float32]]]:
         """The network's stacks of one patch, by model."""
-        device = next(network.parameters()).device
         with torch.inference_mode():
-            stacks = network(torch.from_numpy(patch.stored)[None].to(device), patch.model, self.pixel_filter)
+            stacks = network(torch.from_numpy(patch.stored)[None].to(network.device), patch.model, self.pixel_filter)
         return {model: [level[0].cpu().numpy() for level in levels] for model, levels in stacks.items()}
 
     def score(self, network: Network) -> Score:
@@ -198,11 +197,12 @@ class Validator:
 
 
 def _patch(materials: Materials, index: int, source: str, turn: int, effort: ValidationEffort) -> _Patch:
-    """The middle of set `index` in a model; of a captured set every second turn, where that model reads such sets."""
+    """The middle of set `index` in a model, as large as a power of two can be there; of a captured set every second
+    turn, where that model reads such sets."""
     captured = materials.captured
     chosen = captured if captured is not None and captured.model == source and turn % 2 else materials
     image = chosen.images[index % len(chosen.images)]
-    size = effort.patch_size
+    size = min(effort.patch_size, 1 << (min(image.shape[:2]).bit_length() - 1))
     top, left = ((n - size) // 2 for n in image.shape[:2])
     stored = image[top : top + size, left : left + size].astype(np.float32)
     stored = material.regularise(material.convert(stored, chosen.model, source), source)
@@ -212,7 +212,8 @@ def _patch(materials: Materials, index: int, source: str, turn: int, effort: Val
 
 
 def _tonemap(radiance: NDArray[np.float32]) -> NDArray[np.float32]:
-    shown: NDArray[np.float32] = np.power(radiance / (1 + radiance), 1 / 2.2, dtype=np.float32)
+    """Filters with negative lobes make negative radiance, which is black."""
+    shown: NDArray[np.float32] = np.power(tonemapped(radiance), 1 / 2.2, dtype=np.float32)
     return shown
 
 
