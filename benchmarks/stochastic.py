@@ -1,7 +1,7 @@
 """Figure 3 of Deliot, Heitz and Belcour 2024 at a CPU's size: soups of triangles become a picture. Prints Markdown.
 
     python benchmarks/stochastic.py [--steps 0]
-    python benchmarks/stochastic.py --many 4096
+    python benchmarks/stochastic.py --many 10240
 
 Errors of pixels are credited to the triangles that the pixels show (equation 8), or the error of the whole image is
 credited to all triangles (equation 4). Both ways take as many renders. A soup of transparent triangles goes through a

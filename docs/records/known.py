@@ -147,7 +147,7 @@ KNOWN: Mapping[str, Known] = {
     "timing-card-raster": _timing("raster", "rasterize, interpolate, antialias on a graphics card", "--device", "cuda"),
     "timing-stochastic": _timing("stochastic", "soups by stochastic gradients"),
     "timing-stochastic-many": _timing(
-        "stochastic", "a soup of the paper's size, by estimates for each step", "--many", "1024"
+        "stochastic", "a soup of the paper's size, by estimates for each step", "--many", "10240"
     ),
 }  # fmt: skip
 """Name to what it is. Those that nobody has measured yet have no file."""
