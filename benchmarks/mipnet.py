@@ -147,7 +147,7 @@ def main() -> int:
     training.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="for checkpoints and logs")
     training.add_argument("--target", choices=TARGETS, default=TARGETS[0], help="(default: %(default)s)")
     training.add_argument("--like", type=Path, metavar="CONFIG", help="(default: mipbake-1, or its sister)")
-    training.add_argument("--steps", type=number(int), help="(default: as many as CONFIG has)")
+    training.add_argument("--steps", type=number(int, 1), help="(default: as many as CONFIG has)")
     training.add_argument("--resume", action="store_true", help="continue from FOLDER/last.npz where there is one")
     training.add_argument("--results", type=Path, metavar="FILE", help="for validations and losses, as JSON")
     training.add_argument("--device", default="cpu", help="cpu, or cuda for a graphics card (default: %(default)s)")

@@ -33,7 +33,8 @@ def parser_of(doc: str | None, *places: str, **defaults: Any) -> argparse.Argume
         doc: what `--help` shows, the docstring of the script.
         places: names of paths that must be given, in order.
         defaults: name to default of each option. An option has its default's type: False is a switch, a tuple takes
-            one value or more, and None is a path that may be left out. Numbers are at least 0.
+            one value or more, and None is a path that may be left out. Numbers are at least 0; whole ones are at
+            least 1 where no default is 0.
     """
     parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
     for place in places:
@@ -47,20 +48,22 @@ def parser_of(doc: str | None, *places: str, **defaults: Any) -> argparse.Argume
         else:
             several = isinstance(value, tuple)
             kind = type((value or ("",))[0]) if several else type(value)
-            reads = number(kind) if kind in (int, float) else kind
+            counts = kind is int and 0 not in (value if several else (value,))
+            reads = number(kind, int(counts)) if kind in (int, float) else kind
             more = {"nargs": "+"} if several else {}
             parser.add_argument(flag, type=reads, default=value, help="(default: %(default)s)", **more)
     return parser
 
 
-def number(kind: Callable[[str], Any]) -> Callable[[str], Any]:
-    """Reads a finite number that is at least 0."""
+def number(kind: Callable[[str], Any], least: int = 0) -> Callable[[str], Any]:
+    """Reads a finite number that is at least `least`."""
 
     def read(text: str) -> Any:
         with suppress(ValueError):
-            if 0 <= (value := kind(text)) < math.inf:
+            if least <= (value := kind(text)) < math.inf:
                 return value
-        raise argparse.ArgumentTypeError(f"expected a {'whole ' * (kind is int)}number of at least 0, got {text!r}")
+        wanted = f"{'whole ' * (kind is int)}number of at least {least}"
+        raise argparse.ArgumentTypeError(f"expected a {wanted}, got {text!r}")
 
     return read
 

@@ -1,4 +1,4 @@
-"""The native core (csrc/bind). Arguments are checked by the modules that call it; see csrc/ops.h for the kernels."""
+"""The native core (csrc/bind). Arguments are checked by the modules that call it; see csrc/ops for the kernels."""
 
 from collections.abc import Sequence
 from typing import Any

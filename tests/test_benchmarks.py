@@ -111,17 +111,19 @@ def test_sets_are_measured_in_pieces(films, monkeypatch, tmp_path, capsys):
 def test_options_have_the_type_of_their_default_and_bad_ones_are_refused(monkeypatch, tmp_path, capsys):
     monkeypatch.syspath_prepend(ROOT / "benchmarks")
     timing = importlib.import_module("timing")
-    parser = timing.parser_of("", "place", sides=(1, 2), rate=0.5, only=(), set=tmp_path, out=None, fast=False)
-    given = ["a", "--sides", "3", "--rate", "0", "--only", "b", "c", "--set", "d", "--fast"]
+    parser = timing.parser_of("", "place", sides=(1, 2), steps=0, rate=0.5, only=(), set=tmp_path, out=None, fast=False)
+    given = ["a", "--sides", "3", "--steps", "0", "--rate", "0", "--only", "b", "c", "--set", "d", "--fast"]
     found = vars(parser.parse_args(given))
-    assert found == {
-        "place": Path("a"), "sides": [3], "rate": 0, "only": ["b", "c"], "set": Path("d"), "out": None, "fast": True,
-    }  # fmt: skip
-    for option, text, wanted in (("--sides", "-1", "whole number"), ("--sides", "x", "whole number"),
-                                 ("--rate", "-1", "number"), ("--rate", "inf", "number")):  # fmt: skip
+    paths = {"place": Path("a"), "set": Path("d"), "out": None}
+    assert found == {**paths, "sides": [3], "steps": 0, "rate": 0, "only": ["b", "c"], "fast": True}
+    for option, text, wanted in (("--sides", "0", "whole number of at least 1"),
+                                 ("--sides", "x", "whole number of at least 1"),
+                                 ("--steps", "-1", "whole number of at least 0"),
+                                 ("--rate", "-1", "number of at least 0"),
+                                 ("--rate", "inf", "number of at least 0")):  # fmt: skip
         with pytest.raises(SystemExit):
             parser.parse_args(["a", option, text])
-        assert f"argument {option}: expected a {wanted} of at least 0, got '{text}'" in capsys.readouterr().err
+        assert f"argument {option}: expected a {wanted}, got '{text}'" in capsys.readouterr().err
     with pytest.raises(SystemExit, match="no set b: expected some of a, c"):
         timing.expect("set", ["a", "b"], ["a", "c"])
 

@@ -69,7 +69,7 @@ def exit_code(command: Callable[[], object]) -> int:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
-        print("interrupted: continue with --resume", file=sys.stderr)
+        print("interrupted; a training goes on from its last checkpoint with --resume", file=sys.stderr)
         return 130
     return 0
 

@@ -7,7 +7,7 @@
 #include <stdexcept>
 
 #include "bind/arrays.h"
-#include "ops.h"
+#include "ops/raster.h"
 
 using namespace mipbake::bind;
 

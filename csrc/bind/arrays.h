@@ -10,7 +10,7 @@
 #include <stdexcept>
 #include <string>
 
-#include "ops.h"
+#include "ops/runtime.h"
 
 namespace nb = nanobind;
 

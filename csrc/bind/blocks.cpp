@@ -1,3 +1,5 @@
+#include "ops/blocks.h"
+
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
 
@@ -6,7 +8,6 @@
 #include <string>
 
 #include "bind/arrays.h"
-#include "block_ops.h"
 
 namespace {
 

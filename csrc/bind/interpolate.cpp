@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "bind/arrays.h"
-#include "ops.h"
+#include "ops/raster.h"
 
 using namespace mipbake::bind;
 

@@ -2,7 +2,7 @@
 
 #include <exception>
 
-#include "ops.h"
+#include "ops/runtime.h"
 
 namespace nb = nanobind;
 

@@ -13,7 +13,7 @@
 #include <tuple>
 #include <vector>
 
-#include "ops.h"
+#include "ops/networks.h"
 
 namespace nb = nanobind;
 

@@ -1,3 +1,5 @@
+#include "ops/raster.h"
+
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/optional.h>
@@ -7,7 +9,6 @@
 #include <stdexcept>
 
 #include "bind/arrays.h"
-#include "ops.h"
 
 using namespace mipbake::bind;
 

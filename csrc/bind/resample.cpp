@@ -1,9 +1,10 @@
+#include "ops/resample.h"
+
 #include <algorithm>
 #include <cstdint>
 #include <stdexcept>
 
 #include "bind/arrays.h"
-#include "ops.h"
 
 namespace {
 

@@ -1,3 +1,5 @@
+#include "ops/shading.h"
+
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/pair.h>
@@ -11,7 +13,6 @@
 #include <vector>
 
 #include "bind/arrays.h"
-#include "ops.h"
 
 namespace {
 

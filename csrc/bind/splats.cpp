@@ -1,3 +1,5 @@
+#include "ops/splats.h"
+
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 
@@ -6,7 +8,6 @@
 #include <stdexcept>
 
 #include "bind/arrays.h"
-#include "splat_ops.h"
 
 using namespace mipbake::bind;
 

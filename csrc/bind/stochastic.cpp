@@ -1,3 +1,5 @@
+#include "ops/stochastic.h"
+
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/optional.h>
@@ -13,7 +15,6 @@
 #include <vector>
 
 #include "bind/arrays.h"
-#include "stochastic_ops.h"
 
 using namespace mipbake::bind;
 

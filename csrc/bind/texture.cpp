@@ -1,3 +1,5 @@
+#include "ops/texture.h"
+
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/optional.h>
@@ -10,7 +12,6 @@
 #include <string>
 
 #include "bind/arrays.h"
-#include "ops.h"
 
 namespace {
 

@@ -8,7 +8,7 @@
 #include "core/parallel.h"
 #include "cpu/triangle_ids.h"
 #include "cpu/vertex_bins.h"
-#include "ops.h"
+#include "ops/raster.h"
 #include "raster/silhouette.h"
 #include "raster/triangle_id.h"
 

@@ -3,7 +3,7 @@
 
 #include "core/parallel.h"
 #include "cpu/triangle_ids.h"
-#include "ops.h"
+#include "ops/raster.h"
 
 namespace mipbake {
 namespace {

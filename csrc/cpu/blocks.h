@@ -4,8 +4,8 @@
 
 #include <cstdint>
 
-#include "block_ops.h"
 #include "core/isa.h"
+#include "ops/blocks.h"
 
 namespace mipbake {
 

@@ -6,7 +6,7 @@
 
 #include "core/isa.h"
 #include "cpu/vertex_bins.h"
-#include "ops.h"
+#include "ops/raster.h"
 
 namespace mipbake {
 

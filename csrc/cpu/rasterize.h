@@ -1,12 +1,12 @@
-// Between the dispatch in rasterize.cpp, compiled once, and the kernels in rasterize_kernels.cpp, compiled per
-// instruction set.
+// Between the dispatch in rasterize.cpp, compiled once, and the kernels in the files rasterize_*kernels.cpp, compiled
+// per instruction set.
 #pragma once
 
 #include <cstdint>
 
 #include "core/isa.h"
 #include "cpu/vertex_bins.h"
-#include "ops.h"
+#include "ops/raster.h"
 #include "raster/box.h"
 
 namespace mipbake {

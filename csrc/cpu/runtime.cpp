@@ -1,5 +1,6 @@
+#include "ops/runtime.h"
+
 #include "core/isa.h"
-#include "ops.h"
 
 namespace mipbake {
 

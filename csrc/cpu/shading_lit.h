@@ -3,7 +3,7 @@
 #pragma once
 
 #include "core/isa.h"
-#include "ops.h"
+#include "ops/shading.h"
 
 namespace mipbake {
 

@@ -5,7 +5,7 @@
 #include <cstdint>
 
 #include "core/isa.h"
-#include "splat_ops.h"
+#include "ops/splats.h"
 
 namespace mipbake {
 

@@ -5,7 +5,7 @@
 #include <cstdint>
 
 #include "core/isa.h"
-#include "stochastic_ops.h"
+#include "ops/stochastic.h"
 
 namespace mipbake {
 

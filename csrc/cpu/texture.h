@@ -5,7 +5,7 @@
 #include <cstdint>
 
 #include "core/isa.h"
-#include "ops.h"
+#include "ops/texture.h"
 
 namespace mipbake {
 

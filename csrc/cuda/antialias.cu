@@ -2,6 +2,7 @@
 // their gradients are the same bits in every run. Gradients of positions are added with atomics: their last digits
 // vary.
 #include "cuda/launch.h"
+#include "ops/raster.h"
 #include "raster/silhouette.h"
 #include "raster/triangle_id.h"
 

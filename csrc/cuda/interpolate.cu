@@ -1,5 +1,6 @@
 // One thread per pixel. Gradients of vertices are added with atomics: their order, and so their last digits, vary.
 #include "cuda/launch.h"
+#include "ops/raster.h"
 #include "raster/interpolate.h"
 #include "raster/triangle_id.h"
 

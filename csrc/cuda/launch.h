@@ -8,7 +8,7 @@
 #include <stdexcept>
 #include <string>
 
-#include "ops.h"
+#include "ops/runtime.h"
 
 namespace mipbake {
 namespace cuda {

@@ -3,6 +3,7 @@
 // ones are queued and drawn by many blocks. A last kernel turns keys into barycentrics. The same headers make the same
 // decisions on the CPU.
 #include "cuda/launch.h"
+#include "ops/raster.h"
 #include "raster/barycentric.h"
 #include "raster/box.h"
 #include "raster/triangle_id.h"
@@ -60,7 +61,7 @@ __device__ bool load_triangle(const float* pos, const std::int32_t* tri, Index t
                               ClipVertex (&v)[3]) {
     Index corners[3];
     if (!load_corners(tri, triangle, vertices, corners)) return false;
-    for (int i = 0; i < 3; ++i) v[i] = clip_vertex(pos, corners[i]);
+    load_triangle(pos, corners, v);
     return true;
 }
 
@@ -234,7 +235,7 @@ __global__ void __launch_bounds__(threads_per_block)
             if (triangle >= 0 && !load_corners(args.tri, triangle, args.vertices, corners)) triangle = -1;
         }
         if (triangle >= 0) {
-            for (int i = 0; i < 3; ++i) v[i] = clip_vertex(pos, corners[i]);
+            load_triangle(pos, corners, v);
             const Edges edges = make_edges<false>(v, args.width, args.height, turn);
             const double px = 2 * x + 1 - args.width, py = 2 * y + 1 - args.height;
             const Barycentrics b = barycentrics(edges, px, py);

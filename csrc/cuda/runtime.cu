@@ -1,6 +1,6 @@
 #include <cuda_runtime.h>
 
-#include "ops.h"
+#include "ops/runtime.h"
 
 namespace mipbake {
 

@@ -1,5 +1,6 @@
 // Shading on the GPU, from the same headers as on the CPU: geometry in double, the lobe in float.
 #include "cuda/launch.h"
+#include "ops/shading.h"
 #include "shading/models.h"
 #include "shading/prepare.h"
 

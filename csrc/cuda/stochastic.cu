@@ -1,8 +1,8 @@
 // Stochastic gradients on the GPU: one thread for an element or a pixel, and no atomics.
 #include "cuda/launch.h"
+#include "ops/stochastic.h"
 #include "stochastic/elements.h"
 #include "stochastic/touched.h"
-#include "stochastic_ops.h"
 
 namespace mipbake {
 namespace {

@@ -2,7 +2,7 @@
 #pragma once
 
 #include "network/parameters.h"
-#include "ops.h"
+#include "ops/networks.h"
 
 namespace mipbake {
 inline namespace MIPBAKE_ISA {

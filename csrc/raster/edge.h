@@ -42,6 +42,11 @@ MIPBAKE_INLINE ClipVertex clip_vertex(const T* pos, std::int64_t vertex) {
     return {static_cast<double>(p[0]), static_cast<double>(p[1]), static_cast<double>(p[2]), static_cast<double>(p[3])};
 }
 
+template <class T, class Index>
+MIPBAKE_INLINE void load_triangle(const T* pos, const Index* corners, ClipVertex (&v)[3]) {
+    for (int i = 0; i < 3; ++i) v[i] = clip_vertex(pos, corners[i]);
+}
+
 // A sum of products that is never rounded: components of ascending magnitude that do not overlap (Shewchuk, "Adaptive
 // Precision Floating-Point Arithmetic", 1997).
 class ExactSum {

@@ -18,7 +18,8 @@ inline namespace MIPBAKE_ISA {
 // det(v_e, v_(e + 1) % 3, v_(e + 2) % 3).
 template <class T>
 MIPBAKE_INLINE int facing(const T* pos, const std::int32_t* v) {
-    const ClipVertex corners[3] = {clip_vertex(pos, v[0]), clip_vertex(pos, v[1]), clip_vertex(pos, v[2])};
+    ClipVertex corners[3];
+    load_triangle(pos, v, corners);
     return orientation<(sizeof(T) > sizeof(float))>(corners);
 }
 

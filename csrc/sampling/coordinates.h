@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "core/platform.h"
-#include "ops.h"
+#include "ops/texture.h"
 
 namespace mipbake {
 inline namespace MIPBAKE_ISA {

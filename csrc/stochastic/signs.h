@@ -5,7 +5,7 @@
 #include <cstdint>
 
 #include "core/platform.h"
-#include "stochastic_ops.h"
+#include "ops/stochastic.h"
 
 namespace mipbake {
 inline namespace MIPBAKE_ISA {

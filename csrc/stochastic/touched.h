@@ -1,8 +1,8 @@
 // The texels of a MIP stack that a lookup reads. CPU and CUDA share this.
 #pragma once
 
+#include "ops/stochastic.h"
 #include "sampling/footprint.h"
-#include "stochastic_ops.h"
 
 namespace mipbake {
 inline namespace MIPBAKE_ISA {

@@ -4,8 +4,9 @@
 #include <memory>
 #include <stdexcept>
 
-#include "block_ops.h"
-#include "ops.h"
+#include "ops/blocks.h"
+#include "ops/networks.h"
+#include "ops/resample.h"
 
 #define MIPBAKE_EXPORT(name) extern "C" __attribute__((export_name(#name)))
 

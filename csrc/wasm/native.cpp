@@ -1,14 +1,18 @@
 // What mipbake/_wasm calls where no compiled core is: the functions of csrc/bind, as functions of C. Each takes words
-// of 64 bits, which are the fields of structures of ops.h in their order: numbers, and addresses of arrays. Python has
-// checked them.
+// of 64 bits, which are the fields of structures of csrc/ops in their order: numbers, and addresses of arrays. Python
+// has checked them.
 #include <cstdint>
 #include <cstdlib>
 #include <memory>
 #include <type_traits>
 #include <vector>
 
-#include "block_ops.h"
-#include "ops.h"
+#include "ops/blocks.h"
+#include "ops/networks.h"
+#include "ops/raster.h"
+#include "ops/resample.h"
+#include "ops/shading.h"
+#include "ops/texture.h"
 
 #define MIPBAKE_EXPORT(name) extern "C" __attribute__((export_name(#name)))
 #define MIPBAKE_CALL(name) MIPBAKE_EXPORT(name) void mipbake_##name(const std::int64_t* words)

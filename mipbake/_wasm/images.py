@@ -18,7 +18,7 @@ _BLOCKS = {
     "bc7": (16, 4),
     "uastc": (16, 4),
 }
-"""Formats in the order of csrc/block_ops.h to bytes of a block and channels."""
+"""Formats in the order of csrc/ops/blocks.h to bytes of a block and channels."""
 
 
 def resample(image: Any, row_index: Any, row_weights: Any, column_index: Any, column_weights: Any, out: Any) -> None:

@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "check.h"
-#include "ops.h"
+#include "ops/raster.h"
 
 namespace mipbake {
 

@@ -8,7 +8,8 @@
 #include <vector>
 
 #include "check.h"
-#include "ops.h"
+#include "ops/raster.h"
+#include "ops/runtime.h"
 
 using mipbake::AntialiasArgs;
 using mipbake::AntialiasGrads;

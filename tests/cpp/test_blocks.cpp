@@ -5,9 +5,9 @@
 #include <cstdint>
 #include <vector>
 
-#include "block_ops.h"
 #include "check.h"
 #include "core/parallel.h"
+#include "ops/blocks.h"
 
 using namespace mipbake;
 

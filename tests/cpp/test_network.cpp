@@ -9,7 +9,8 @@
 #include "check.h"
 #include "core/parallel.h"
 #include "network/images.h"
-#include "ops.h"
+#include "ops/networks.h"
+#include "ops/runtime.h"
 
 using namespace mipbake;
 using mipbake::network::LayerPass;

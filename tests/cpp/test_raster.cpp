@@ -9,7 +9,7 @@
 
 #include "check.h"
 #include "core/parallel.h"
-#include "ops.h"
+#include "ops/runtime.h"
 #include "raster/barycentric.h"
 #include "raster_scenes.h"
 

@@ -12,7 +12,8 @@
 
 #include "check.h"
 #include "core/parallel.h"
-#include "ops.h"
+#include "ops/raster.h"
+#include "ops/runtime.h"
 #include "raster/barycentric.h"
 #include "raster_scenes.h"
 

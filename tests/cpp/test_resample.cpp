@@ -1,11 +1,12 @@
-// Resampling beside plain sums in the order that ops.h promises: the same bits on every instruction set and for any
-// number of threads.
+// Resampling beside plain sums in the order that ops/resample.h promises: the same bits on every instruction set and
+// for any number of threads.
 #include <cstdint>
 #include <vector>
 
 #include "check.h"
 #include "core/parallel.h"
-#include "ops.h"
+#include "ops/resample.h"
+#include "ops/runtime.h"
 
 using namespace mipbake;
 

@@ -7,7 +7,8 @@
 #include <vector>
 
 #include "check.h"
-#include "ops.h"
+#include "ops/runtime.h"
+#include "ops/texture.h"
 #include "sampling/cube.h"
 #include "sampling/footprint.h"
 #include "sampling/storage.h"

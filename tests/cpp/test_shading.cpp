@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "check.h"
-#include "ops.h"
+#include "ops/shading.h"
 #include "shading/models.h"
 #include "shading/prepare.h"
 

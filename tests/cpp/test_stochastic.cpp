@@ -7,7 +7,7 @@
 
 #include "check.h"
 #include "core/parallel.h"
-#include "stochastic_ops.h"
+#include "ops/stochastic.h"
 
 using namespace mipbake;
 

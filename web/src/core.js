@@ -1,5 +1,5 @@
-// The native core as WebAssembly. Its functions are those of csrc/wasm/bakes.cpp; structures lie in memory as wasm32
-// lays out csrc/ops.h: pointers, int and size_t take 4 bytes, int64_t takes 8 and is aligned to 8.
+// The native core as WebAssembly. Its functions are those of csrc/wasm/bakes.cpp. The structures of csrc/ops lie in
+// memory as wasm32 lays them out: pointers, int and size_t take 4 bytes, int64_t takes 8 and is aligned to 8.
 
 import { MipbakeError } from './errors.js';
 

@@ -8,7 +8,7 @@ import { packed } from './network.js';
 /** @typedef {{stored: Float32Array | null, latents: Float32Array | null, height: number, width: number,
  *  wrapRows: boolean, wrapColumns: boolean, begin: number, end: number, sharp: Float32Array, plain: Float32Array,
  *  bias: Float32Array, sinks: Sink[], kept: number}} Part
- * NetworkBakeArgs and NetworkPart of csrc/ops.h: rows [begin, end) of level 0 are decoded; `kept` is a sink or -1. */
+ * NetworkBakeArgs and NetworkPart of csrc/ops/networks.h: rows [begin, end) of level 0 are decoded; `kept` is a sink or -1. */
 /** @typedef {{top: Float32Array, sinks: Float32Array[]}} Made
  * Rows of level 0 and of every sink: stored channels where it is decoded, latents where they are kept, else none. */
 

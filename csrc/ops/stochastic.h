@@ -5,7 +5,8 @@
 
 #include <cstdint>
 
-#include "ops.h"
+#include "ops/runtime.h"
+#include "ops/texture.h"
 
 namespace mipbake {
 
