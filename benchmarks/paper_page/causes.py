@@ -51,20 +51,20 @@ _WHAT = {"beckmann": "the materials", "ggx": "in part the materials"}
 _SHARP_WORDS = {
     "beckmann": """\
 On real sets and on generated lobes naive averaging has more SNR than the paper prints, so there is little to gain. The
-sharper the materials are, the nearer the order comes to the paper's: naive averaging falls far behind, and LEAN, MIPNet
-and the network are alike. What remains open is the lead of MIPNet on generated lobes and on sharp lobes that are less
+sharper the materials are, the nearer the order comes to the paper's: naive averaging falls far behind, and the network
+catches up with MIPNet. What remains open is the lead of MIPNet on generated lobes and on sharp lobes that are less
 sharp; there the network loses what its latent code loses ([above](#why-the-network-stays-behind)).
 """,
     "ggx": """\
 So the materials explain that naive averaging is no worse here. They do not explain the lead of MIPNet, which remains on
-sharp lobes. A part of it is its loss ([figure 5](#figure-5-how-far-ahead)), and the rest remains open. Which sets are
-taken decides, too: on the real sets of this table, boosted at most once, the network is not behind MIPNet. The paper
-shows three.
+sharp lobes. A part of it may be its loss ([figure 5](#figure-5-how-far-ahead)), and the rest remains open. Which sets
+are taken decides, too: on the real sets of this table, boosted at most once, the network is not behind MIPNet. The
+paper shows three.
 """,
 }
 
 _MEASURES = """\
-**What explains it: the materials, the measure and the lights, and in part MIPNet's loss.** How far the network is ahead
+**What explains it: the materials, the measure and the lights, and perhaps MIPNet's loss.** How far the network is ahead
 on the spheres of [figure 9](#figure-9-the-generalised-beckmann-model) and [figure 10](#figure-10-ggx), boosted once;
 better is positive. ST-LPIPS is shift-tolerant LPIPS (Ghildyal and Liu 2022), a relative of LPIPS whose backbone is to
 be had.
@@ -87,19 +87,19 @@ The network is trained under single lights over the hemisphere. Under these, how
 
 _LIGHTS_WORDS = """\
 So on real sets the network has learned what it was trained for: it is ahead of naive averaging at every scale. In the
-studio, whose lights are large, it is not ahead near the viewer. So a part of the difference is the lights.
+studio, whose lights are large, it is even or behind near the viewer. So a part of the difference is the lights.
 """
 
 _LOSS = """\
-MIPNet's weights were trained here with the loss of the default network, which weighs each level, pair set and patch by
+MIPNet's weights were trained here with the loss of `mipbake-1`, which weighs each level, pair set and patch by
 its own error. Its authors compare tonemapped renders. Below is what {steps} steps with its authors' loss and with the
 paper's make of it, both from plain averages with the same batches: SNR in dB on held-out patches of real sets. Plain
 averages have {averages}.
 """
 
 _LOSS_WORDS = """\
-The paper's loss brings MIPNet {gain} dB more than its authors' loss. So a part of its lead here is that it was not
-trained as its authors trained it. So few steps do not say how much a whole training would leave of it.
+The paper's loss brings MIPNet {gain} dB more than its authors' loss. So a part of its lead here may be that it was
+not trained as its authors trained it. So few steps do not say how much a whole training would leave of it.
 """
 
 _TWINS = """\

@@ -38,9 +38,9 @@ multiplied by 0.78, and slopes by 1.1. `beckmann` also has {captured} sets of
 on. Their seeds were not trained on.
 
 **The methods.** *Naive averaging* is `linear (box)`, and *LEAN* is `lean (box)`. *MIPNet* is made from its description
-and trained with the data and the loss of mipbake's default network, for {steps} steps
-([benchmarks](../benchmarks/README.md), `mipnet.py`). *Paper's network* is `paper-ggx` or `paper-beckmann`. The *default
-network* is mipbake's own for the same model.
+and trained with the data and the loss of `mipbake-1`, for {steps} steps ([benchmarks](../benchmarks/README.md),
+`mipnet.py`). *Paper's network* is `paper-ggx` or `paper-beckmann`. The *default network* is what was mipbake's own for
+the same model when a record was measured.
 
 **The measures.** SNR and FLIP of spheres under the studio's lights at levels of detail 0 (near), 3 (middle) and 7
 (far), beside references of up to {passes} samples a pixel. FLIP stands in for LPIPS, whose weights mipbake does not
