@@ -37,10 +37,10 @@ multiplied by 0.78, and slopes by 1.1. `beckmann` also has {captured} sets of
 [generated lobes](training.md#generated-materials-in-beckmann-lobes), which stand for the captures that the paper tests
 on. Their seeds were not trained on.
 
-**The methods.** *Naive averaging* is `linear (box)`, and *LEAN* is `lean (box)`. *MIPNet* is made from its description
-and trained with the data and the loss of `mipbake-1`, for {steps} steps ([benchmarks](../benchmarks/README.md),
-`mipnet.py`). *Paper's network* is `paper-ggx` or `paper-beckmann`. The *default network* is what was mipbake's own for
-the same model when a record was measured.
+**The methods.** *Naive averaging* is `linear (box)`, and *LEAN* is `lean (box)`. *MIPNet* is written anew after its
+abstract and its authors' scripts, and trained with the data and the loss of `mipbake-1`, for {steps} steps
+([benchmarks](../benchmarks/README.md), `mipnet.py`). *Paper's network* is `paper-ggx` or `paper-beckmann`. The *default
+network* is what was mipbake's own for the same model when a record was measured.
 
 **The measures.** SNR and FLIP of spheres under the studio's lights at levels of detail 0 (near), 3 (middle) and 7
 (far), beside references of up to {passes} samples a pixel. FLIP stands in for LPIPS, whose weights mipbake does not
