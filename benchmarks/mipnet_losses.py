@@ -3,9 +3,9 @@
     python benchmarks/mipnet_losses.py MATERIALS [--results FILE] [--steps 300] [--rate 3e-4]
 
 The authors compare tonemapped renders by their absolute difference, with references free of noise. Kemppinen et al.
-2023 divide squared differences by the prediction's energy (equation 5). Both trainings see the same batches of
-MATERIALS, the sets that the baseline was trained on, with references of as many samples. The tone curve, log(1 + x), is
-a guess. Both are measured on the patches that trainings hold out.
+2023 divide squared differences by the prediction's energy (equation 5), which allows references of one sample. Both
+losses have references of 16 samples, and of one. All trainings see the same batches of MATERIALS, the sets that the
+baseline was trained on. The tone curve, log(1 + x), is a guess. Trainings are measured on patches that they hold out.
 `python docs/remake.py --measure mipnet-losses` runs it, and docs/paper-figures.md shows what came out.
 """
 
@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from itertools import product
 from typing import Any
 
 import torch
@@ -32,6 +33,9 @@ from mipbake.training.loss import SingleLightsBatch, SingleLightsLossConfig, tri
 from mipbake.training.validation import Validator
 
 MODEL = "ggx"
+
+SAMPLES: Mapping[str, int] = {"": 16, ", noisy references": 1}
+"""Samples of a reference, by what is added to the name of a training."""
 
 
 def authors(config: SingleLightsLossConfig, network: Network, batch: SingleLightsBatch) -> Tensor:
@@ -59,7 +63,7 @@ def main() -> None:
         paper,
         network=SingleLightsConfig(target=MODEL),
         data=replace(paper.data, folder=str(options.materials)),
-        loss=replace(paper.loss, pairs=16, lods=3, target_samples=16),
+        loss=replace(paper.loss, pairs=16, lods=3),
         optimiser=replace(paper.optimiser, learning_rate=options.rate, fall_until=options.steps),
         run=replace(paper.run, steps=options.steps),
     )
@@ -67,14 +71,15 @@ def main() -> None:
     validator = Validator(held_out, config.network, config.loss.pixel_filter)
     baseline = load_network(find_weights(f"mipnet-{MODEL}", BASELINES))
     found: dict[str, Any] = {"of the pages": validator.score(baseline).columns()}
-    for name, loss in LOSSES.items():
-        state = loop.new_state(config)
+    for (noise, samples), (name, loss) in product(SAMPLES.items(), LOSSES.items()):
+        noisy = replace(config, loss=replace(config.loss, target_samples=samples))
+        state = loop.new_state(noisy)
         for step in range(options.steps):
             state.optimiser.zero_grad()
-            loss(config.loss, state.network, draw_batch(materials, config, step)).backward()  # type: ignore[no-untyped-call]
+            loss(noisy.loss, state.network, draw_batch(materials, noisy, step)).backward()  # type: ignore[no-untyped-call]
             state.optimiser.step(step, MODEL)
-        found[name] = validator.score(state.network).columns()
-        print(name, found[name], flush=True)
+        found[name + noise] = validator.score(state.network).columns()
+        print(name + noise, found[name + noise], flush=True)
     keep({"steps": options.steps, "rate": options.rate, "snr": found}, options.results)
 
 
