@@ -124,8 +124,8 @@ KNOWN: Mapping[str, Known] = {
         "benchmarks/causes.py", MATERIALS,
     ),
     "mipnet-losses": _measured(
-        "MIPNet trained with its authors' loss and with the paper's", "benchmarks/mipnet_losses.py", MATERIALS,
-        golden=False,
+        "MIPNet trained with its authors' loss and the paper's, clean and noisy references",
+        "benchmarks/mipnet_losses.py", MATERIALS, golden=False,
     ),
     "web": _measured("the npm package beside the native core", "benchmarks/web.py", golden=False),
     "library": _measured(
