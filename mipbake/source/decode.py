@@ -54,6 +54,7 @@ class TextureMap:
 def decode_map(source: MapSource, image: Image, options: LoadOptions) -> tuple[TextureMap, list[str]]:
     """The values of one role out of a file's image, at the image's size, and warnings; InputError where they cannot be
     that role's. x and y of normals are as stored: they are turned when it is known what green means."""
+    # What is logged here is about the file, whose name is put before every sentence at the end.
     stored, log = taken(source, image), Log()
     if source.role == "normal":
         pixels = _normals(source, stored, log)
@@ -61,15 +62,15 @@ def decode_map(source: MapSource, image: Image, options: LoadOptions) -> tuple[T
         pixels = _anisotropy(source, stored, log)
     else:
         pixels = _values(source, stored, image, options, log)
-    notes = (*source.notes, *log.notes)
-    return TextureMap(pixels, replace(source, sha256=image.sha256, notes=notes)), log.warnings
+    label = image.header.path.name
+    notes, warnings = ([f"{label}: {each}" for each in said] for said in (log.notes, log.warnings))
+    return TextureMap(pixels, replace(source, sha256=image.sha256, notes=(*source.notes, *notes))), warnings
 
 
 def _values(
     source: MapSource, stored: NDArray[np.generic], image: Image, options: LoadOptions, log: Log
 ) -> NDArray[np.float32]:
     """The values of a role that holds no vectors."""
-    label = image.header.path.name
     if source.alpha == PREMULTIPLIED:
         stored = _divided(stored, image, options.alpha == PREMULTIPLIED, log)
     if source.role in COLOUR_ROLES or source.converted:
@@ -79,14 +80,12 @@ def _values(
     else:
         pixels = _by_rows(stored, LINEAR)
     if source.role == "roughness" and source.channels == "R" and not source.channels_named and _channels_differ(image):
-        log.warnings.append(f"{label}: its channels differ; red is taken as the roughness")
+        log.warnings.append("its channels differ; red is taken as the roughness")
     if source.role in RANGES and not (source.encoding in ("data", "sRGB") and stored.dtype.kind == "u"):
         _clip(pixels, source, log)
     if source.role in SCALAR_ROLES and stored.dtype.kind == "u" and stored.max() == 1:
         top = np.iinfo(stored.dtype.name).max
-        log.warnings.append(
-            f"{label}: its values are 0 and 1 of {top}, which is almost nothing: does 1 stand for the maximum?"
-        )
+        log.warnings.append(f"its values are 0 and 1 of {top}, which is almost nothing: does 1 stand for the maximum?")
     if source.inverted:
         np.subtract(np.float32(1), pixels, out=pixels)
     return pixels
@@ -97,16 +96,16 @@ def _divided(stored: NDArray[np.generic], image: Image, insisted: bool, log: Log
 
     Colours that exceed their alpha were not multiplied by it, whatever their format means: unless the user insists.
     """
-    alpha, label = image.pixels[..., image.header.alpha], image.header.path.name
+    alpha = image.pixels[..., image.header.alpha]
     if alpha.min() >= (np.iinfo(alpha.dtype.name).max if alpha.dtype.kind == "u" else 1):
         return stored
     share = 0.0 if insisted else share_beyond(stored, alpha)
     if share <= _FEW:
-        log.notes.append(f"{label}: its colours are multiplied by alpha, and are divided by it")
+        log.notes.append("its colours are multiplied by alpha, and are divided by it")
         return straight(stored, alpha)
     log.warnings.append(
-        f"{label}: such files hold colours that are multiplied by alpha, but {share:.0%} of its colours exceed their "
-        "alpha: all are taken as they are; say --alpha premultiplied or straight (alpha in Python)"
+        f"such files hold colours that are multiplied by alpha, but {share:.0%} of its colours exceed their alpha: all "
+        "are taken as they are; say --alpha premultiplied or straight (alpha in Python)"
     )
     return stored
 
@@ -177,16 +176,15 @@ def _interpolated(pixels: Pixels, index: NDArray[np.int64], size: int, axis: int
 
 def _normals(source: MapSource, stored: NDArray[np.generic], log: Log) -> Pixels:
     assert source.path is not None
-    label = source.path.name
     decoded, length, notes = decode_normals(stored, source.path)
-    log.notes += [f"{label}: {note}" for note in notes]
+    log.notes += notes
     vectors, broken = held(decoded, length)
     if broken:
-        log.warnings.append(holes_warning(label, broken, vectors.shape[0] * vectors.shape[1]))
+        log.warnings.append(holes_warning(broken, vectors.shape[0] * vectors.shape[1]))
     mean = 1.0 if length is None else float(length.mean(dtype=np.float64))
     if mean < SHORT_LENGTH:
         log.warnings.append(
-            f"{label}: its normals are shorter than one (mean length {mean:.3f}), as averaging leaves them; they are "
+            f"its normals are shorter than one (mean length {mean:.3f}), as averaging leaves them; they are "
             "renormalised"
         )
     return vectors
@@ -202,8 +200,7 @@ def _anisotropy(source: MapSource, stored: NDArray[np.generic], log: Log) -> Pix
     out = np.empty((*values.shape[:2], 3), np.float32)
     if values.shape[-1] == 1 or (not source.channels_named and _is_grey(values)):
         out[..., 0], out[..., 1] = 1, 0
-        label = source.path.name if source.path else source.role
-        log.notes.append(f"{label}: it is grey, and is taken as the strength along +X")
+        log.notes.append("it is grey, and is taken as the strength along +X")
     else:
         out[..., :2] = unit_directions(values[..., :2] * np.float32(2) - np.float32(1))
         turn_vectors(out, source.orientation)
@@ -247,7 +244,6 @@ def _clip(pixels: Pixels, source: MapSource, log: Log) -> None:
     InputError where the values cannot be the role's: most are far above its range, as integers in a float file are.
     """
     least, most = RANGES[source.role]
-    label = source.path.name if source.path else source.role
     parts = [pixels[some] for some in memory.some_rows(pixels)]
     outside = sum(int(np.count_nonzero(((part < least) | (part > most)).any(-1))) for part in parts)
     if not outside:
@@ -255,7 +251,7 @@ def _clip(pixels: Pixels, source: MapSource, log: Log) -> None:
     low, high = float(pixels.min()), float(pixels.max())
     if most < np.inf and float(np.median(memory.copied(pixels), overwrite_input=True)) > _FAR * most:
         raise InputError(
-            f"{source.path or label} holds values from {low:.4g} to {high:.4g}: expected {spoken(source.role)} from "
+            f"{source.path} holds values from {low:.4g} to {high:.4g}: expected {spoken(source.role)} from "
             f"{least:g} to {most:g}, divide them by what stands for {most:g} and export it again"
         )
     count = f"{outside} texel{'s' if outside > 1 else ''}"
@@ -263,7 +259,7 @@ def _clip(pixels: Pixels, source: MapSource, log: Log) -> None:
     wide = source.role in COLOUR_ROLES and source.encoding not in (SRGB, LINEAR)
     limits = f"below {least:g}" if most == np.inf else f"outside [{least:g}, {most:g}]"
     reach = f"from {low:.4g}" if most == np.inf else f"from {low:.4g} to {high:.4g}"
-    sentence = f"{label}: {count} {limits}{' in linear Rec.709' if wide else ''} clipped ({reach})"
+    sentence = f"{count} {limits}{' in linear Rec.709' if wide else ''} clipped ({reach})"
     share = outside / (pixels.shape[0] * pixels.shape[1])
     np.clip(pixels, least, most, out=pixels)
     if share <= _MANY:

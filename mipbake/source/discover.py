@@ -12,31 +12,10 @@ from mipbake.base.errors import InputError
 from mipbake.base.messages import listed
 from mipbake.source.images.colours import RAW
 from mipbake.source.images.image import Header
-from mipbake.source.matches import (
-    NO_ROLE,
-    OUTVOTED,
-    PREVIEW,
-    Match,
-    choose,
-    classified,
-    files_of,
-    name_of,
-    take_alpha_as_opacity,
-)
+from mipbake.source.matches import NO_ROLE, OUTVOTED, PREVIEW, Match, choose, classified, name_of
 from mipbake.source.names import colour_space_of
 from mipbake.source.options import CARRIED, COLOUR_ROLES, ROLES, SCALAR_ROLES, SHADING_ROLES, STRAIGHT, LoadOptions
-from mipbake.source.sources import (
-    DATA,
-    Found,
-    IgnoredFile,
-    Log,
-    MapSource,
-    NormalConvention,
-    file_source,
-    made_source,
-    source_model,
-    spoken,
-)
+from mipbake.source.sources import DATA, Found, IgnoredFile, Log, MapSource, NormalConvention, source_model, spoken
 from mipbake.source.specular import take_specular
 
 _CONSTANTS: Mapping[str, tuple[float, ...]] = {
@@ -59,7 +38,6 @@ def find(files: Sequence[Path], options: LoadOptions) -> Found:
     matches, ignored = classified(files, options)
     log = Log()
     chosen = choose(matches, folder, options, log)
-    take_alpha_as_opacity(chosen, options, log)
     specular = take_specular(chosen, ignored, folder, options)
     colour_space = None if options.colour_space is None else canonical_colour_space(options.colour_space)
     sources = {role: _source(c, colour_space, options, log) for role, c in chosen.items()}
@@ -75,7 +53,7 @@ def find(files: Sequence[Path], options: LoadOptions) -> Found:
             _log_constant(role, value, options, unread, log)
     carried = _carried(sources, {c.header.path: c.header for c in chosen.values()}, log)
     used = {s.path for s in sources.values()}
-    ignored += [IgnoredFile(p, OUTVOTED) for p in files_of(matches)]
+    ignored += [IgnoredFile(p, OUTVOTED) for p in dict.fromkeys(c.header.path for m in matches.values() for c in m)]
     width, height = _common_size([s for r, s in sources.items() if r in SHADING_ROLES], log)
     convention = _named_convention(sources["normal"], options, log)
     return Found(
@@ -115,7 +93,7 @@ def _source(match: Match, colour_space: str | None, options: LoadOptions, log: L
         into += [line for each in some if (line := f"{header.path.name}: {each}") not in into]
     # Only colours are multiplied by alpha: beside values that are data it is one more of them.
     multiplied = role in COLOUR_ROLES and header.alpha >= 0
-    return file_source(
+    return MapSource.of_file(
         *(role, header, channels, encoding, inverted, match.reason),
         channels_named=bool(match.meaning.channels),
         convention=match.meaning.convention,
@@ -195,7 +173,7 @@ def _natural_channels(role: str, header: Header) -> str:
 
 
 def _constant(role: str, value: tuple[float, ...]) -> MapSource:
-    return made_source(role, 1, 1, "constant", value * 3 if role == "base_color" and len(value) == 1 else value)
+    return MapSource.made(role, 1, 1, "constant", value * 3 if role == "base_color" and len(value) == 1 else value)
 
 
 def _check_complete(

@@ -128,12 +128,10 @@ def _has_channels(header: Header, meaning: Meaning) -> bool:
     return meaning.channels in ("", "R", "RGB") or header.channels >= 3
 
 
-def files_of(matches: Mapping[str, Sequence[Match]]) -> list[Path]:
-    return list(dict.fromkeys(c.header.path for several in matches.values() for c in several))
-
-
 def choose(matches: Mapping[str, Sequence[Match]], folder: Path, options: LoadOptions, log: Log) -> dict[str, Match]:
-    chosen = {}
+    """Role to the file that fills it: the user's choice, else the best match; opacity may be the alpha of the base
+    colour."""
+    chosen: dict[str, Match] = {}
     for role in ROLES:
         if role in options.maps:
             choice = options.maps[role]
@@ -141,6 +139,11 @@ def choose(matches: Mapping[str, Sequence[Match]], folder: Path, options: LoadOp
                 chosen[role] = explicit(role, choice, folder, options)
         elif role in matches:
             chosen[role] = _preferred(role, matches[role], options, log)
+    base = chosen.get("base_color")
+    has_opacity = base is not None and base.header.alpha >= 0 and base.header.declared.alpha != CUSTOM
+    if base is not None and has_opacity and "opacity" not in (*chosen, *options.maps):
+        chosen["opacity"] = Match(base.header, Meaning("opacity", "A"), BASE_ALPHA)
+        log.notes.append(alpha_note(base.header.path))
     return chosen
 
 
@@ -203,16 +206,6 @@ def _preferred(role: str, several: Sequence[Match], options: LoadOptions, log: L
             "folder"
         )
     return first[0]
-
-
-def take_alpha_as_opacity(chosen: dict[str, Match], options: LoadOptions, log: Log) -> None:
-    base = chosen.get("base_color")
-    if base is None or "opacity" in chosen or "opacity" in options.maps or base.header.alpha < 0:
-        return
-    if base.header.declared.alpha == CUSTOM:
-        return
-    chosen["opacity"] = Match(base.header, Meaning("opacity", "A"), BASE_ALPHA)
-    log.notes.append(alpha_note(base.header.path))
 
 
 def alpha_note(path: Path) -> str:

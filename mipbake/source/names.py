@@ -71,12 +71,8 @@ _GLOSS_WORDS = "gloss glossiness smoothness smooth gls glossmap glossinessmap sm
 _NORMAL_WORDS = "normal normals nor norm nrm nml nmp nmap nrm16 normal16 normalmap normalsmap bumpmap ddn"
 _CONVENTIONS = {
     "": None,
-    "gl": "opengl",
-    "ogl": "opengl",
-    "opengl": "opengl",
-    "dx": "directx",
-    "directx": "directx",
-    "d3d": "directx",
+    **dict.fromkeys(("gl", "ogl", "opengl"), "opengl"),
+    **dict.fromkeys(("dx", "directx", "d3d"), "directx"),
 }
 _PACKED_LETTERS = {"a": "occlusion", "o": "occlusion", "r": "roughness", "m": "metallic", "d": "height"}
 _PACKED_WORDS = {

@@ -66,6 +66,23 @@ class MapSource:
     sha256: str = ""
     notes: tuple[str, ...] = ()
 
+    @classmethod
+    def of_file(
+        cls, role: str, header: Header, channels: str, encoding: str, inverted: bool, reason: str, **others: Any
+    ) -> MapSource:
+        """The source of a role whose values come from the file of a header; `others`: further fields."""
+        about = (header.width, header.height, header.depth, encoding, inverted, reason)
+        layer = (header.declared.part, header.declared.layer)
+        return cls(role, header.path, channels, *about, layer=layer, **others)
+
+    @classmethod
+    def made(
+        cls, role: str, width: int, height: int, reason: str, constant: tuple[float, ...] | None = None
+    ) -> MapSource:
+        """The source of a role whose values are in no file, and why it fills the role."""
+        encoding = LINEAR if role in COLOUR_ROLES else DATA
+        return cls(role, None, "", width, height, "float", encoding, False, reason, constant)
+
     @property
     def applied(self) -> tuple[object, ...]:
         """What of the file's own words decides its values, beside its bytes; for comparing sources."""
@@ -130,23 +147,6 @@ class Found:
     def hashes(self) -> dict[str, str]:
         """Source file name to SHA-256, which is empty before the file is read."""
         return {source.path.name: source.sha256 for source in self.maps.values() if source.path}
-
-
-def file_source(
-    role: str, header: Header, channels: str, encoding: str, inverted: bool, reason: str, **others: Any
-) -> MapSource:
-    """The source of a role whose values come from the file of a header; `others`: further fields of `MapSource`."""
-    about = (header.width, header.height, header.depth, encoding, inverted, reason)
-    layer = (header.declared.part, header.declared.layer)
-    return MapSource(role, header.path, channels, *about, layer=layer, **others)
-
-
-def made_source(
-    role: str, width: int, height: int, reason: str, constant: tuple[float, ...] | None = None
-) -> MapSource:
-    """The source of a role whose values are in no file, and why it fills the role."""
-    encoding = LINEAR if role in COLOUR_ROLES else DATA
-    return MapSource(role, None, "", width, height, "float", encoding, False, reason, constant)
 
 
 def source_model(anisotropic: bool) -> str:

@@ -18,15 +18,13 @@ from mipbake.source.images.read import read_header
 from mipbake.source.matches import Match, explicit
 from mipbake.source.names import Meaning, interpretations
 from mipbake.source.options import SPECULAR, LoadOptions
-from mipbake.source.sources import IgnoredFile, Log, MapSource, file_source
+from mipbake.source.sources import IgnoredFile, Log, MapSource
 
 _ALONE = frozenset(
     ["specular", "specularcolor", "specularcolour", "specularmap", "spec", "speccolor", "speccolour", "specmap", "spc"]
 )
 _WITH_GLOSS = frozenset(["specularsmoothness", "specularglossiness", "specgloss"])
 _DIFFUSE = frozenset(["diffuse", "diff", "dif", "diffusecolor", "diffusecolour", "diffusemap", "d"])
-
-_CONVERTED = "converted from the diffuse and specular colours"
 
 
 def take_specular(
@@ -51,16 +49,14 @@ def take_specular(
         found = explicit(SPECULAR, str(choice), folder, options).header
     if found is None:
         return None
-    if _word(found.path) in _WITH_GLOSS and found.alpha >= 0 and "roughness" not in chosen:
-        gloss = Meaning("roughness", "A", inverted=True)
-        if "roughness" not in options.maps:
-            chosen["roughness"] = Match(found, gloss, f"named {_word(found.path)}")
-    space = options.colour_space
-    encoding = canonical_colour_space(space or found.colour_space or default_colour_space(found.is_integer))
-    channels = "RGB" if found.colours >= 3 else "Y"
-    reason = f"{_CONVERTED} (of {chosen['base_color'].header.path.name})" if "base_color" in chosen else _CONVERTED
-    about = ("metallic", found, channels, encoding, False, reason)
-    return file_source(*about, converted=True, metadata=options.metadata)
+    word = _word(found.path)
+    if word in _WITH_GLOSS and found.alpha >= 0 and "roughness" not in (*chosen, *options.maps):
+        chosen["roughness"] = Match(found, Meaning("roughness", "A", inverted=True), f"named {word}")
+    space = options.colour_space or found.colour_space or default_colour_space(found.is_integer)
+    of = f" (of {chosen['base_color'].header.path.name})" if "base_color" in chosen else ""
+    reason = f"converted from the diffuse and specular colours{of}"
+    about = ("metallic", found, "RGB" if found.colours >= 3 else "Y", canonical_colour_space(space), False, reason)
+    return MapSource.of_file(*about, converted=True, metadata=options.metadata)
 
 
 def _by_name(chosen: Mapping[str, Match], ignored: Sequence[IgnoredFile], options: LoadOptions) -> Header | None:

@@ -30,12 +30,12 @@ def divided(
     """
     images = [file for file in files if file.suffix.lower() in IMAGE_SUFFIXES]
     texts = tiles or {}
-    stems = {file: _without_tile(file.stem, texts.get(file, "")) for file in images}
+    stems = {file: file.stem.replace(texts.get(file, ""), "") for file in images}
     patterns = {role: _expression(role, str(choice)) for role, choice in options.maps.items() if _is_pattern(choice)}
     groups: dict[str, dict[Path, NameMatch]] = {}
     for file, by_name in zip(images, classify([stems[file] for file in images]), strict=True):
         by_pattern = (
-            NameMatch(role, (Meaning(role),), asset_words(_without_tile(found["name"], texts.get(file, ""))))
+            NameMatch(role, (Meaning(role),), asset_words(found["name"].replace(texts.get(file, ""), "")))
             for role, expression in patterns.items()
             if (found := expression.fullmatch(file.name))
         )
@@ -96,10 +96,6 @@ def _expression(role: str, text: str) -> re.Pattern[str]:
     before, after = (re.escape(part) for part in bare.split(_STAR))
     # Of tiles the name holds <UDIM>, as elsewhere.
     return re.compile(PLACEHOLDER.sub(r"(?:1\\d{3}|u\\d+_v\\d+)", f"{before}(?P<name>.*){after}"), re.IGNORECASE)
-
-
-def _without_tile(stem: str, tile: str) -> str:
-    return stem.replace(tile, "") if tile else stem
 
 
 def _key(words: str, stem: str) -> str:

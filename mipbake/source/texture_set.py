@@ -26,16 +26,7 @@ from mipbake.source.images.read import read_image
 from mipbake.source.matches import BASE_ALPHA, alpha_note
 from mipbake.source.normal import DECIDED_CONFIDENCE, Vectors, held, holes_warning, integrability, is_constant, tiles
 from mipbake.source.options import CARRIED, ORIGINS, SHADING_ROLES, WRAP_MODES, LoadOptions
-from mipbake.source.sources import (
-    Found,
-    IgnoredFile,
-    Log,
-    MapSource,
-    NormalConvention,
-    made_source,
-    source_model,
-    spoken,
-)
+from mipbake.source.sources import Found, IgnoredFile, Log, MapSource, NormalConvention, source_model, spoken
 from mipbake.source.specular import as_metallic
 
 __all__ = ["MapSource", "NormalConvention", "TextureMap", "TextureSet", "read", "source_model"]
@@ -171,7 +162,7 @@ class TextureSet:
         arrays = {role: checked_array(role, value) for role, value in given.items() if value is not None}
         arrays["normal"], broken = held(arrays["normal"])
         texels = arrays["normal"].shape[0] * arrays["normal"].shape[1]
-        warnings = (holes_warning("normal", broken, texels),) if broken else ()
+        warnings = (f"normal: {holes_warning(broken, texels)}",) if broken else ()
         shading = [a for role, a in arrays.items() if role in SHADING_ROLES]
         rows, columns = max((a.shape[:2] for a in shading), key=lambda s: s[0] * s[1])
         maps, digest = {}, hashlib.sha256(repr(wrap).encode())
@@ -179,7 +170,7 @@ class TextureSet:
             if role in SHADING_ROLES:
                 check_shape(role, array, rows, columns)
             digest.update(f"{role} {array.shape}".encode() + array.tobytes())
-            texture = TextureMap(array, made_source(role, array.shape[1], array.shape[0], "given as an array"))
+            texture = TextureMap(array, MapSource.made(role, array.shape[1], array.shape[0], "given as an array"))
             maps[role] = resized(texture, columns, rows, wrap) if role in SHADING_ROLES else texture
         convention = NormalConvention("opengl", "option", 1.0)
         return cls(name, maps, columns, rows, wrap, convention, digest.hexdigest(), warnings=warnings)

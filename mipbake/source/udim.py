@@ -6,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -16,11 +17,14 @@ from mipbake.material.fill import fill
 from mipbake.material.pixel_filter import level_sizes
 from mipbake.source.decode import TextureMap, resized, unit_vectors
 from mipbake.source.options import CARRIED, ROLES, SHADING_ROLES
-from mipbake.source.sources import made_source, spoken
+from mipbake.source.sources import MapSource, spoken
 from mipbake.source.texture_set import TextureSet
 from mipbake.source.tiles import name_with, place
 
 CLAMPED = ("clamp", "clamp")
+
+Pair: TypeAlias = tuple[int, int]
+"""Row and column, or height and width."""
 
 _LACKING: Mapping[str, tuple[float, ...]] = {
     "anisotropy": (1.0, 0.0, 0.0),
@@ -46,7 +50,7 @@ class Mosaic:
 
     texture_set: TextureSet
     sets: Mapping[int, TextureSet]
-    cells: Mapping[int, tuple[int, int]] = field(default_factory=dict)
+    cells: Mapping[int, Pair] = field(default_factory=dict)
     rows: int = 1
     columns: int = 1
 
@@ -90,7 +94,7 @@ def mosaics(tiles: Mapping[int, TextureSet]) -> list[Mosaic]:
     return [_joined(tiles, size) for size in sorted(sizes, reverse=True)]
 
 
-def _joined(tiles: Mapping[int, TextureSet], size: tuple[int, int]) -> Mosaic:
+def _joined(tiles: Mapping[int, TextureSet], size: Pair) -> Mosaic:
     """The mosaic in which the tiles of a size, (height, width), keep their texels."""
     sets = {tile: tiles[tile] for tile in sorted(tiles)}
     places = {tile: place(tile) for tile in sets}
@@ -109,7 +113,8 @@ def _joined(tiles: Mapping[int, TextureSet], size: tuple[int, int]) -> Mosaic:
             of_size, every = ([s.maps[role].pixels.shape for s in some if role in s.maps] for some in groups)
             there = of_size or every
             sizes[role] = (max(s[0] for s in there), max(s[1] for s in there))
-    maps = {role: _mosaic_map(role, sets, cells, (rows, columns), sizes[role]) for role in roles}
+    placed = {cells[tile]: each for tile, each in sets.items()}
+    maps = {role: _mosaic_map(role, placed, (rows, columns), sizes[role]) for role in roles}
 
     conventions = [s.convention for s in sets.values()]
     decided = [c for c in conventions if c.decided_by != "flat"]
@@ -135,32 +140,26 @@ def _neighbours(tile: int, among: Iterable[int]) -> list[int]:
     return [t for t in among if t != tile and max(abs(place(t)[0] - u), abs(place(t)[1] - v)) == 1]
 
 
-def _mosaic_map(
-    role: str,
-    sets: Mapping[int, TextureSet],
-    cells: Mapping[int, tuple[int, int]],
-    grid: tuple[int, int],
-    size: tuple[int, int],
-) -> TextureMap:
-    """One role of all tiles at `size` (height, width) each."""
+def _mosaic_map(role: str, placed: Mapping[Pair, TextureSet], grid: Pair, size: Pair) -> TextureMap:
+    """One role of tiles by row and column, each at `size` (height, width), in a grid of so many rows and columns."""
     height, width = size
-    channels = next(s.maps[role].pixels.shape[2] for s in sets.values() if role in s.maps)
+    channels = next(s.maps[role].pixels.shape[2] for s in placed.values() if role in s.maps)
     pixels = np.zeros((grid[0] * height, grid[1] * width, channels), np.float32)
     known = np.zeros(pixels.shape[:2], bool)
-    for tile, (row, column) in cells.items():
+    constant = _constant(role)
+    for (row, column), texture_set in placed.items():
         here = (slice(row * height, (row + 1) * height), slice(column * width, (column + 1) * width))
-        texture = sets[tile].maps.get(role)
-        if texture is not None:
-            pixels[here] = resized(texture, width, height, CLAMPED).pixels
-        elif (constant := _constant(role)) is not None:
+        if role in texture_set.maps:
+            pixels[here] = resized(texture_set.maps[role], width, height, CLAMPED).pixels
+        elif constant is not None:
             pixels[here] = constant
-        known[here] = texture is not None or _constant(role) is not None
+        known[here] = role in texture_set.maps or constant is not None
     if not known.all():
         if role == "anisotropy":
             pixels = untangled(pixels, CLAMPED)
         filled = unit_vectors(fill(pixels, known.astype(np.float32)), role)
         pixels = np.where(known[..., None], pixels, filled)
-    return TextureMap(pixels, made_source(role, pixels.shape[1], pixels.shape[0], "tiles side by side"))
+    return TextureMap(pixels, MapSource.made(role, pixels.shape[1], pixels.shape[0], "tiles side by side"))
 
 
 def _constant(role: str) -> tuple[float, ...] | None:
@@ -179,7 +178,7 @@ def _common(sentences: Mapping[int, Iterable[str]]) -> list[str]:
     ]
 
 
-def _notes(texture_set: TextureSet, size: tuple[int, int], roles: Iterable[str]) -> list[str]:
+def _notes(texture_set: TextureSet, size: Pair, roles: Iterable[str]) -> list[str]:
     """What is assumed of a tile beside others, which have this size, (height, width), and these maps."""
     here, (height, width) = (texture_set.height, texture_set.width), size
     resampled = f"resampled from {here[1]} x {here[0]} to {width} x {height} beside tiles of that size"
@@ -191,7 +190,7 @@ def _notes(texture_set: TextureSet, size: tuple[int, int], roles: Iterable[str])
     ]
 
 
-def _warnings(sets: Mapping[int, TextureSet], size: tuple[int, int]) -> list[str]:
+def _warnings(sets: Mapping[int, TextureSet], size: Pair) -> list[str]:
     """What the user should look at in tiles, of this size, (height, width), together."""
     found = []
     by_name: dict[str, list[str]] = {}
