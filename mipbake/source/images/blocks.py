@@ -41,14 +41,13 @@ def to_blocks(levels: Sequence[Texels], made: GpuFormat, weigh: Weigh | None = N
     """
     if made.side == 1:
         return tuple(np.ascontiguousarray(widened(level, made.channels)).tobytes() for level in levels)
-
-    def encoded(index: int, level: Texels) -> bytes:
-        return b"".join(
+    return tuple(
+        b"".join(
             _encoded(level[rows], made, None if weigh is None else weigh(index, rows))
             for rows in _strips(*level.shape[:2])
         )
-
-    return tuple(encoded(index, level) for index, level in enumerate(levels))
+        for index, level in enumerate(levels)
+    )
 
 
 def _encoded(level: Texels, made: GpuFormat, given: NDArray[np.float32] | None) -> bytes:

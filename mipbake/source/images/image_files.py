@@ -42,6 +42,16 @@ _OF_A_LEVEL = {254, 256, 257, 324, 325, 34665}
 """Tags that differ from level to level: the kind, the size and the tiles of a level, and Exif, which level 0 has."""
 
 
+def opened_image(path: Path) -> OpenImageIO.ImageInput | None:
+    """A reader of an image that gives colours as they are stored, not multiplied by alpha; None where it is no image,
+    as `OpenImageIO.geterror` then says."""
+    import OpenImageIO
+
+    config = OpenImageIO.ImageSpec()
+    config.attribute("oiio:UnassociatedAlpha", 1)
+    return OpenImageIO.ImageInput.open(str(path), config)
+
+
 def write_image(
     path: Path, levels: Iterable[tuple[OpenImageIO.ImageSpec, NDArray[np.generic]]], following: str = ""
 ) -> None:
@@ -108,7 +118,7 @@ def _missing_text(path: Path, spec: OpenImageIO.ImageSpec) -> str:
     """Which attribute of level 0 a file does not give back; "" for none."""
     import OpenImageIO
 
-    source = OpenImageIO.ImageInput.open(str(path))
+    source = opened_image(path)
     if source is None:
         return told_by(OpenImageIO.geterror)
     found = source.spec()

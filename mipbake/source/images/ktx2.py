@@ -10,7 +10,7 @@ import math
 import struct
 import sys
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import ModuleType
 
@@ -236,10 +236,9 @@ def decoded(data: bytes, name: str) -> GpuTexture:
     levels, found = stored(data, name), outline(data, name)
     assert found.format is not None
     if found.scheme != NONE:
-        inflate = _by_zstandard if found.scheme == ZSTANDARD else _by_zlib
         sizes = (found.format.level_size(*size) for size in found.levels)
         levels = tuple(
-            _inflated(level, size, f"level {index} of {name}", inflate)
+            _inflated(level, found.scheme, size, f"level {index} of {name}")
             for index, (level, size) in enumerate(zip(levels, sizes, strict=True))
         )
     return GpuTexture(found.format, *found.levels[0], levels, found.values)
@@ -261,32 +260,24 @@ def _zstandard() -> ModuleType:
     return zstd
 
 
-def _inflated(stored: bytes, size: int, what: str, inflate: Callable[[bytes, int, str], bytes]) -> bytes:
+def _inflated(stored: bytes, scheme: int, size: int, what: str) -> bytes:
     """A level of `size` bytes, and no more of the stream than that: a short one can inflate to gigabytes."""
-    inflated = inflate(stored, size, what)
+    library = _zstandard()
+    try:
+        if scheme == ZLIB:
+            inflated = zlib.decompressobj().decompress(stored, size + 1)
+        else:
+            declared = library.get_frame_info(stored).decompressed_size
+            if declared not in (None, size):  # None: the stream does not say
+                raise InputError(f"{what} has {declared} bytes when inflated, expected {size}")
+            inflated = library.ZstdDecompressor().decompress(stored, size + 1)
+    except (zlib.error, library.ZstdError) as error:
+        name = "zlib" if scheme == ZLIB else "Zstandard"
+        raise InputError(f"{what} is not a {name} stream ({error})") from error
     if len(inflated) != size:
         found = f"more than {size}" if len(inflated) > size else str(len(inflated))
         raise InputError(f"{what} has {found} bytes when inflated, expected {size}")
     return inflated
-
-
-def _by_zstandard(stored: bytes, size: int, what: str) -> bytes:
-    library = _zstandard()
-    try:
-        declared = library.get_frame_info(stored).decompressed_size
-        if declared not in (None, size):  # None: the stream does not say
-            raise InputError(f"{what} has {declared} bytes when inflated, expected {size}")
-        inflated: bytes = library.ZstdDecompressor().decompress(stored, size + 1)
-    except library.ZstdError as error:
-        raise InputError(f"{what} is not a Zstandard stream ({error})") from error
-    return inflated
-
-
-def _by_zlib(stored: bytes, size: int, what: str) -> bytes:
-    try:
-        return zlib.decompressobj().decompress(stored, size + 1)
-    except zlib.error as error:
-        raise InputError(f"{what} is not a zlib stream ({error})") from error
 
 
 def _read_values(data: bytes, name: str) -> dict[str, bytes]:

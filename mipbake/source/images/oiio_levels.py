@@ -14,7 +14,7 @@ from mipbake.base import disk
 from mipbake.base.errors import InputError
 from mipbake.base.messages import told_by
 from mipbake.source.images.file_facts import FileInfo, told
-from mipbake.source.images.image_files import ABOUT, PNG_SIGNATURE, check_png, write_image
+from mipbake.source.images.image_files import ABOUT, PNG_SIGNATURE, check_png, opened_image, write_image
 
 if TYPE_CHECKING:
     import OpenImageIO
@@ -39,9 +39,7 @@ def reader(path: Path) -> OpenImageIO.ImageInput:
     import OpenImageIO
 
     disk.check_file(path)
-    config = OpenImageIO.ImageSpec()
-    config.attribute("oiio:UnassociatedAlpha", 1)
-    source = OpenImageIO.ImageInput.open(str(path), config)
+    source = opened_image(path)
     if source is None:
         raise InputError(f"cannot read {path}: {told_by(OpenImageIO.geterror)}")
     return source

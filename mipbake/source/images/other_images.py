@@ -15,12 +15,11 @@ from numpy.typing import NDArray
 
 from mipbake.base import disk
 from mipbake.base.colour import LINEAR
-from mipbake.base.errors import InputError, MipbakeError
+from mipbake.base.errors import InputError, MipbakeError, UsageError
 from mipbake.base.messages import one_line
 from mipbake.source.images import dds, ktx2
 from mipbake.source.images.blocks import from_blocks
 from mipbake.source.images.colours import Colour, coded
-from mipbake.source.images.etc1s import transcoded
 from mipbake.source.images.gpu_format import GPU_FORMATS, GpuTexture
 from mipbake.source.images.icc import profile_colour
 from mipbake.source.images.image import Declared, Header, orientation
@@ -102,7 +101,7 @@ def pixels_of(data: bytes, path: Path) -> NDArray[np.generic]:
             return texels[..., list(header_of(data, path).declared.channels) or slice(None)]
         found = ktx2.outline(data, str(path))
         if found.texels == ktx2.ETC1S:
-            return np.asarray(transcoded(data)[..., _etc1s(found)[0]])
+            return np.asarray(_transcoded(data)[..., _etc1s(found)[0]])
         return _finest(ktx2.decoded(data, str(path)))
     except (MipbakeError, RuntimeError) as error:  # the transcoder of UASTC says RuntimeError
         message = one_line(str(error))
@@ -207,6 +206,26 @@ def _etc1s(found: ktx2.Outline) -> tuple[tuple[int, ...], int]:
     colours = (0,) if found.channels[0] == _RED_SLICE else (0, 1, 2)
     second = found.channels[1:2]
     return (*colours, *(3 for _ in second)), len(colours) if second == (_ALPHA_SLICE,) else -1
+
+
+def _transcoded(data: bytes) -> NDArray[np.uint8]:
+    """(H, W, 4) texels of level 0 of a KTX 2 file whose texels are ETC1S, which glTF files of others may have, through
+    the transcoder of Basis Universal. InputError where it is broken, UsageError where it is not installed."""
+    try:
+        import alktx2
+    except ImportError:
+        raise UsageError(
+            "ETC1S needs the library of Basis Universal, alktx2, which mipbake's extra `etc1s` brings: "
+            'python -m pip install "mipbake[etc1s]" (alktx2 has builds for Python 3.11 to 3.14 on x86-64 Linux and '
+            "Windows; elsewhere give the textures as PNG files)"
+        ) from None
+    from PIL import Image
+
+    try:
+        with Image.open(io.BytesIO(alktx2.decode_ktx2_to_bytes(data, format="png", level=0)[0])) as image:
+            return np.asarray(image.convert("RGBA"))
+    except (RuntimeError, ValueError, OSError) as error:
+        raise InputError(f"its blocks are broken ({one_line(str(error))}), export or download it again") from error
 
 
 def _text(found: ktx2.Outline, key: str) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import io
 import os
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,7 +16,7 @@ from mipbake.base import disk, memory
 from mipbake.base.errors import InputError
 from mipbake.base.messages import listed, told_by
 from mipbake.source.images.image import Header, Image, Place, arranged, in_gltf
-from mipbake.source.images.image_files import PNG_SIGNATURE, check_png
+from mipbake.source.images.image_files import PNG_SIGNATURE, check_png, opened_image
 
 if TYPE_CHECKING:
     import OpenImageIO
@@ -82,21 +81,6 @@ def _pixels(path: Path, image: OpenImageIO.ImageInput, header: Header) -> NDArra
     low, high = min(channels), max(channels) + 1
     order = [channel - low for channel in channels]
     ordered = order == list(range(high - low))
-    for rows, texels in _bands(image, stored, low, high):
-        if texels is None or image.has_error:
-            reason = told_by(image.geterror)
-            raise InputError(f"{path} is damaged or cut short ({reason}): export or download it again")
-        some = texels.reshape(-1, spec.width, high - low)
-        pixels[rows] = some if ordered else some[..., order]
-    image.close()
-    return pixels
-
-
-def _bands(
-    image: OpenImageIO.ImageInput, stored: str, low: int, high: int
-) -> Iterator[tuple[slice, NDArray[np.generic] | None]]:
-    """Neighbouring channels of an image, of one type, some rows at a time; None for rows that cannot be read."""
-    spec = image.spec()
     tall = spec.tile_height or 1
     step = max(1, AT_ONCE // (spec.width * tall)) * tall
     for start in range(0, spec.height, step):
@@ -107,7 +91,13 @@ def _bands(
             texels = image.read_tiles(*columns, *lines, spec.z, spec.z + 1, low, high, stored)
         else:
             texels = image.read_scanlines(*lines, spec.z, low, high, stored)
-        yield slice(start, end), texels
+        if texels is None or image.has_error:
+            reason = told_by(image.geterror)
+            raise InputError(f"{path} is damaged or cut short ({reason}): export or download it again")
+        some = texels.reshape(-1, spec.width, high - low)
+        pixels[start:end] = some if ordered else some[..., order]
+    image.close()
+    return pixels
 
 
 def _applied(header: Header, metadata: bool) -> Header:
@@ -126,9 +116,7 @@ def _open(path: Path, start: bytes) -> OpenImageIO.ImageInput:
         raise InputError(f"{path} is empty (0 bytes): export or download it again")
     if start.startswith(PNG_SIGNATURE) and len(start) >= 24:
         _check_size(path, int.from_bytes(start[16:20], "big"), int.from_bytes(start[20:24], "big"))
-    config = OpenImageIO.ImageSpec()
-    config.attribute("oiio:UnassociatedAlpha", 1)
-    image = OpenImageIO.ImageInput.open(str(path), config)
+    image = opened_image(path)
     if image is None:
         raise InputError(f"{path} is not a readable {path.suffix or 'image'} image ({told_by(OpenImageIO.geterror)})")
     return image
@@ -151,13 +139,13 @@ def _header(path: Path, image: OpenImageIO.ImageInput, role: str | Place, metada
     spec = image.spec()
     _check_size(path, spec.width, spec.height)
     said = said_by(path, image)
+    notes, warnings = [*said.notes], [*said.warnings]
     channels, alpha, depth = spec.nchannels, spec.alpha_channel, str(spec.format)
     if layer:
         channels, alpha, depth = len(layer.channels), layer.alpha, layer.depth
         said = replace(said, channels=layer.channels, part=layer.part, layer=layer.name)
         if others:
-            note = f"its layer {layer.name or 'without a name'} is taken, and not {others}"
-            said = replace(said, notes=(*said.notes, note))
+            notes.append(f"its layer {layer.name or 'without a name'} is taken, and not {others}")
     elif said.channels:
         channels, alpha = len(said.channels), said.channels.index(alpha) if alpha in said.channels else -1
     elif kind == "tiff":
@@ -167,12 +155,11 @@ def _header(path: Path, image: OpenImageIO.ImageInput, role: str | Place, metada
         told_by(image.geterror)  # clears it: the reader calls the end of the images an error
         image.seek_subimage(0, 0)
         if count > 1:
-            said = replace(said, warnings=(*said.warnings, f"it holds {count} images: only the first is read"))
-    if layer is None and channels > 3:
-        unknown = [name for index, name in enumerate(spec.channelnames) if index > 2 and index != alpha]
-        if unknown:
-            note = f"the file does not say what is in its channels {listed(unknown)}: they are left out"
-            said = replace(said, notes=(*said.notes, note))
+            warnings.append(f"it holds {count} images: only the first is read")
+    unknown = [name for index, name in enumerate(spec.channelnames) if index > 2 and index != alpha]
+    if layer is None and channels > 3 and unknown:
+        notes.append(f"the file does not say what is in its channels {listed(unknown)}: they are left out")
+    said = replace(said, notes=tuple(notes), warnings=tuple(warnings))
     return _applied(Header(path, spec.width, spec.height, channels, alpha, depth, said), metadata)
 
 
@@ -184,15 +171,12 @@ def _check_size(path: Path, width: int, height: int) -> None:
 def _check_finite(path: Path, pixels: NDArray[np.generic]) -> None:
     if pixels.dtype.kind != "f":
         return
-    count, first = 0, (0, 0, 0)
+    count, first = 0, np.zeros(3, np.intp)
     for rows in memory.some_rows(pixels):
-        bad = ~np.isfinite(pixels[rows])
-        if not bad.any():
-            continue
-        if not count:
-            place = np.unravel_index(int(np.argmax(bad)), bad.shape)
-            first = rows.start + int(place[0]), int(place[1]), int(place[2])
-        count += int(np.count_nonzero(bad))
+        bad = np.argwhere(~np.isfinite(pixels[rows]))
+        if len(bad) and not count:
+            first = bad[0] + (rows.start, 0, 0)
+        count += len(bad)
     if count:
         row, column, channel = first
         raise InputError(
