@@ -55,22 +55,21 @@ def decode_map(source: MapSource, image: Image, options: LoadOptions) -> tuple[T
     """The values of one role out of a file's image, at the image's size, and warnings; InputError where they cannot be
     that role's. x and y of normals are as stored: they are turned when it is known what green means."""
     # What is logged here is about the file, whose name is put before every sentence at the end.
-    stored, log = taken(source, image), Log()
+    log = Log()
     if source.role == "normal":
-        pixels = _normals(source, stored, log)
+        pixels = _normals(source, image, log)
     elif source.role == "anisotropy":
-        pixels = _anisotropy(source, stored, log)
+        pixels = _anisotropy(source, image, log)
     else:
-        pixels = _values(source, stored, image, options, log)
+        pixels = _values(source, image, options, log)
     label = image.header.path.name
     notes, warnings = ([f"{label}: {each}" for each in said] for said in (log.notes, log.warnings))
     return TextureMap(pixels, replace(source, sha256=image.sha256, notes=(*source.notes, *notes))), warnings
 
 
-def _values(
-    source: MapSource, stored: NDArray[np.generic], image: Image, options: LoadOptions, log: Log
-) -> NDArray[np.float32]:
+def _values(source: MapSource, image: Image, options: LoadOptions, log: Log) -> Pixels:
     """The values of a role that holds no vectors."""
+    stored = taken(source, image)
     if source.alpha == PREMULTIPLIED:
         stored = _divided(stored, image, options.alpha == PREMULTIPLIED, log)
     if source.role in COLOUR_ROLES or source.converted:
@@ -174,9 +173,8 @@ def _interpolated(pixels: Pixels, index: NDArray[np.int64], size: int, axis: int
     return np.asarray(second)
 
 
-def _normals(source: MapSource, stored: NDArray[np.generic], log: Log) -> Pixels:
-    assert source.path is not None
-    decoded, length, notes = decode_normals(stored, source.path)
+def _normals(source: MapSource, image: Image, log: Log) -> Pixels:
+    decoded, length, notes = decode_normals(taken(source, image), image.header.path)
     log.notes += notes
     vectors, broken = held(decoded, length)
     if broken:
@@ -190,13 +188,13 @@ def _normals(source: MapSource, stored: NDArray[np.generic], log: Log) -> Pixels
     return vectors
 
 
-def _anisotropy(source: MapSource, stored: NDArray[np.generic], log: Log) -> Pixels:
+def _anisotropy(source: MapSource, image: Image, log: Log) -> Pixels:
     """KHR_materials_anisotropy: direction in red and green, strength in blue; grey is a strength along +X.
 
     Many tools store a grey map as three equal channels, which would otherwise be taken for directions: unless the user
     says which channels are which.
     """
-    values = unit_range(stored)
+    values = unit_range(taken(source, image))
     out = np.empty((*values.shape[:2], 3), np.float32)
     if values.shape[-1] == 1 or (not source.channels_named and _is_grey(values)):
         out[..., 0], out[..., 1] = 1, 0

@@ -44,7 +44,9 @@ def find(files: Sequence[Path], options: LoadOptions) -> Found:
     sources |= {r: _constant(r, (float(v),)) for r, v in options.maps.items() if isinstance(v, (int, float))}
     if specular is not None:
         sources |= {"metallic": specular, "base_color": replace(sources["base_color"], converted=True)}
-    _check_complete(sources, options, folder, matches, ignored)
+    missing = [r for r in ("normal", "roughness") if r not in sources and options.maps.get(r, "") is not None]
+    if missing:
+        raise _incomplete(folder, missing, matches, ignored)
     unread = [i for i in ignored if i.reason in (NO_ROLE, PREVIEW) and i.path not in {s.path for s in sources.values()}]
     _check_colour(sources, options, folder, unread)
     for role, value in _CONSTANTS.items():
@@ -176,21 +178,14 @@ def _constant(role: str, value: tuple[float, ...]) -> MapSource:
     return MapSource.made(role, 1, 1, "constant", value * 3 if role == "base_color" and len(value) == 1 else value)
 
 
-def _check_complete(
-    sources: Mapping[str, MapSource],
-    options: LoadOptions,
-    folder: Path,
-    matches: Mapping[str, Sequence[Match]],
-    ignored: Sequence[IgnoredFile],
-) -> None:
-    left_out = [r for r, v in options.maps.items() if v is None]
-    missing = [r for r in ("normal", "roughness") if r not in sources and r not in left_out]
-    if not missing:
-        return
+def _incomplete(
+    folder: Path, missing: Sequence[str], matches: Mapping[str, Sequence[Match]], ignored: Sequence[IgnoredFile]
+) -> InputError:
+    """What is said of a set that lacks maps which every set must have."""
     found = [f"{c.header.path.name} ({spoken(r)})" for r, several in matches.items() for c in several]
     found += [f"{i.path.name} ({i.reason})" for i in ignored]
     remedy = {"normal": "normal=FILE|none", "roughness": "roughness=FILE|NUMBER"}
-    raise InputError(
+    return InputError(
         f"{folder} has no {' and no '.join(missing)} map by its file names; found: {listed(found)}; use --map "
         f"{', '.join(remedy[m] for m in missing)} (maps in Python)"
     )

@@ -180,13 +180,12 @@ def _noted(
     made: Sequence[Job | Failure], notes: Sequence[str], warnings: Sequence[str] = ()
 ) -> Sequence[Job | Failure]:
     """Jobs, the first of which says what holds for all of them."""
-    first = next((index for index, job in enumerate(made) if isinstance(job, Job)), -1)
-    return [
-        replace(job, notes=(*notes, *job.notes), warnings=(*warnings, *job.warnings))
-        if isinstance(job, Job) and index == first
-        else job
-        for index, job in enumerate(made)
-    ]
+    noted = list(made)
+    for index, job in enumerate(noted):
+        if isinstance(job, Job):
+            noted[index] = replace(job, notes=(*notes, *job.notes), warnings=(*warnings, *job.warnings))
+            break
+    return noted
 
 
 def _folder(path: Path, files: Sequence[Path], options: LoadOptions) -> Sequence[Job | Failure]:
@@ -237,11 +236,10 @@ def _groups(path: Path, files: Sequence[Path], options: LoadOptions, found: Mapp
     shared = [file for file in files if file not in of_tiles]
     notes = (f"{len(found)} UDIM tiles: {listed(found)}",)
     warnings = tuple(f"{file.name} is not a tile, and is left out" for file in shared if not is_pattern(path))
-    made = []
-    for group in islands(found):
-        parts = {tile: files_of_set(tuple(found[tile]), options, tile=tile) for tile in group}
-        made.append(Job(path, parts, notes, warnings))
-    return made
+    return [
+        Job(path, {tile: files_of_set(tuple(found[tile]), options, tile=tile) for tile in group}, notes, warnings)
+        for group in islands(found)
+    ]
 
 
 def _divided_tiles(found: Mapping[int, Sequence[Path]], options: LoadOptions) -> Mapping[str, tuple[Path, ...]]:
@@ -293,16 +291,13 @@ def _materialx(path: Path, found: MtlxMaterials, options: LoadOptions) -> list[J
     _check_no_options(path, options)
     made: list[Job | Failure] = []
     for material in found.materials:
-        if not material.udim:
-            parts = {0: SetFiles(material.files, material.options)}
-            made.append(Job(path, parts, material.notes, material.warnings))
-            continue
         try:
             tiles = material.tiles()
         except InputError as error:
             made.append(Failure(path, InputError(f"{path}: the material {material.name}: {error}")))
             continue
-        for group in islands(tiles):
-            parts = {tile: SetFiles(tuple(tiles[tile][0]), tiles[tile][1]) for tile in group}
-            made.append(Job(path, parts, material.notes, material.warnings))
+        parts = {tile: SetFiles(tuple(files), own) for tile, (files, own) in tiles.items()}
+        apart = [{tile: parts[tile] for tile in group} for group in islands(parts)]
+        whole = {0: SetFiles(material.files, material.options)}
+        made += [Job(path, each, material.notes, material.warnings) for each in apart or [whole]]
     return [*made, *(Failure(path, InputError(error)) for error in found.errors)]

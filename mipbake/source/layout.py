@@ -158,10 +158,7 @@ LAYOUTS: Mapping[str, tuple[MapLayout, ...]] = {
 
 def channels_of(model: str, name: str) -> slice:
     """The stored channels of a map of a material model; KeyError where it has none of that name."""
-    for layout in LAYOUTS[model]:
-        if layout.name == name:
-            return layout.channels
-    raise KeyError(name)
+    return {layout.name: layout.channels for layout in LAYOUTS[model]}[name]
 
 
 def extra_layout(role: str, channels: int) -> MapLayout:

@@ -80,10 +80,7 @@ def _uses(document: Json) -> Iterator[tuple[str, Use]]:
         elif key not in _ELSEWHERE:
             yield from _walked(value, ())
     for texture in document.get("textures", []):
-        for extension in extensions_in(texture).values():
-            # `source` is an image, as `image_uses` has it.
-            others = {k: v for k, v in extension.items() if k != "source"} if isinstance(extension, dict) else extension
-            yield from _walked(others, (), inside=True)
+        yield from _in_extensions(texture.get("extensions"))
 
 
 def _in_extensions(extensions: Any) -> Iterator[tuple[str, Use]]:

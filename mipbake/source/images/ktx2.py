@@ -147,20 +147,16 @@ _MOST_SAMPLES = 16  # of the descriptor; formats that are known here have four a
 
 def outline(data: bytes, name: str) -> Outline:
     """What the header of a file says; InputError, which calls it `name`, where it is not a KTX 2 file or is broken."""
-    try:
-        return _outline(data, name)
-    except struct.error as error:
-        raise InputError(f"{name} ends within its header: it is not a complete KTX 2 file") from error
-
-
-def _outline(data: bytes, name: str) -> Outline:
     if data[: len(IDENTIFIER)] != IDENTIFIER:
         raise InputError(f"{name} is not a KTX 2 file: it does not begin like one")
-    vulkan, _, width, height, depth, layers, faces, count, scheme = _HEADER.unpack_from(data, len(IDENTIFIER))
-    descriptor_at, _, values_at, values_length, *_ = _INDEX.unpack_from(data, len(IDENTIFIER) + _HEADER.size)
-    size, model, primaries, transfer, flags = struct.unpack_from("<H4B", data, descriptor_at + 10)
-    samples = min(_MOST_SAMPLES, max(1, (size - 24) // 16))
-    channels = tuple(struct.unpack_from("<B", data, descriptor_at + 31 + 16 * i)[0] & 15 for i in range(samples))
+    try:
+        vulkan, _, width, height, depth, layers, faces, count, scheme = _HEADER.unpack_from(data, len(IDENTIFIER))
+        descriptor_at, _, values_at, values_length, *_ = _INDEX.unpack_from(data, len(IDENTIFIER) + _HEADER.size)
+        size, model, primaries, transfer, flags = struct.unpack_from("<H4B", data, descriptor_at + 10)
+        samples = min(_MOST_SAMPLES, max(1, (size - 24) // 16))
+        channels = tuple(struct.unpack_from("<B", data, descriptor_at + 31 + 16 * i)[0] & 15 for i in range(samples))
+    except struct.error as error:
+        raise InputError(f"{name} ends within its header: it is not a complete KTX 2 file") from error
     if not width or not height:
         raise InputError(f"{name} is {width} x {height} texels: expected a texture of two dimensions")
     if max(width, height) > MOST:
@@ -248,7 +244,7 @@ def _is(made: GpuFormat, vk_format: int, model: int, transfer: int, channel: int
     """Whether a file is of a format; those without a number of Vulkan's are told by their descriptor."""
     if vk_format or made.vulkan:
         return made.vulkan == vk_format
-    return (made.model, made.srgb, made.samples[0].channel) == (model, transfer == _SRGB, channel & 15)
+    return (made.model, made.srgb, made.samples[0].channel) == (model, transfer == _SRGB, channel)
 
 
 def _zstandard() -> ModuleType:

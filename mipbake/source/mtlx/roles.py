@@ -4,29 +4,33 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from mipbake.base.colour import LINEAR
-from mipbake.base.errors import InputError
-from mipbake.source.mtlx.colour import colour_space_of, decoding
+from mipbake.base.colour import LINEAR, SRGB, canonical_colour_space
+from mipbake.base.errors import InputError, UsageError
+from mipbake.source.images.colours import RAW, spelt_space
 from mipbake.source.mtlx.document import Element, Link, Scope, UnreadError
 from mipbake.source.mtlx.shaders import Shader
 from mipbake.source.mtlx.trace import Channel, Signal, Texture, Tracer
-from mipbake.source.options import COLOUR_ROLES, PLAIN_ROLES, ROLES, SHADING_ROLES, LoadOptions, MapChoice
+from mipbake.source.options import COLOUR_ROLES, ROLES, SHADING_ROLES, LoadOptions, MapChoice
 from mipbake.source.sources import Log, spoken
 
 _CLOSE = 1e-4  # decimals of a document
 
+_NEARLY_SRGB = ("g22_rec709", "g18_rec709", "gamma22", "gamma18", "gamma24", "rec709_display")
+_INTEGER_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tga")
+
 
 @dataclass
 class _Roles:
-    """The roles of one material as they are read, out of a shader node, what that is, and a node that displaces."""
+    """The roles of one material as they are read, out of a shader node, what that is, and a node that displaces; a text
+    where there is none."""
 
     tracer: Tracer
     node: Element
     scope: Scope
     shader: Shader
+    displaced: Link | str
     log: Log
     maps: dict[str, MapChoice] = field(default_factory=dict)
     factors: dict[str, float] = field(default_factory=dict)
@@ -48,12 +52,19 @@ class _Roles:
         values = (default,) if signal is None else signal.numbers
         return values[0] if values else None
 
-    def fill(self, role: str, read: Callable[[], Signal | None]) -> None:
+    def _signal(self, role: str) -> Signal | None:
+        """What a role holds; None where it is left at its default."""
+        height, by = None, self.displaced
+        if role == "height" and isinstance(by, Link) and by.node.tag == "displacement":
+            height = self.tracer.input(by.node, "displacement", by.scope)
+        return self.input(self.shader.inputs[role]) if height is None and role in self.shader.inputs else height
+
+    def fill(self, role: str) -> None:
         """Fills one role."""
         default = self.shader.defaults.get(role)
         self.maps[role] = default
         try:
-            signal = read()
+            signal = self._signal(role)
             if signal is None:
                 return
             if signal.numbers is not None:
@@ -159,7 +170,7 @@ class _Roles:
         self.maps[role] = f"{path}:{letter}" if letter else path
         self.textures[role] = texture
         if role not in COLOUR_ROLES and texture.type.startswith("color"):
-            space = decoding(texture.colour_space) if texture.colour_space else LINEAR
+            space = _decoding(texture.colour_space) if texture.colour_space else LINEAR
             if space is not None and not space.lower().startswith("linear"):
                 self.log.warnings.append(
                     f"{texture.path.name}: {spoken(role)} is read as data, though the document would decode it from "
@@ -181,20 +192,13 @@ def read_roles(
     """What fills every role of a material; InputError where neither normal nor roughness comes from a file, or the
     shader is used in a way that is not read. `displaced`: the node that displaces the surface; a text for none.
     `where`: document and material, for errors."""
-    roles = _Roles(tracer, node, scope, shader, log)
+    roles = _Roles(tracer, node, scope, shader, displaced, log)
     if roles.number("useSpecularWorkflow", 0):
         raise InputError(
             f"{where} uses the specular workflow: expected metallic, export it with metallic and roughness"
         )
-
-    def signal_of(role: str) -> Signal | None:
-        height = None
-        if role == "height" and isinstance(displaced, Link) and displaced.node.tag == "displacement":
-            height = tracer.input(displaced.node, "displacement", displaced.scope)
-        return roles.input(shader.inputs[role]) if height is None and role in shader.inputs else height
-
     for role in ROLES:
-        roles.fill(role, lambda role=role: signal_of(role))  # type: ignore[misc]
+        roles.fill(role)
     if not {"normal", "roughness"} & roles.textures.keys():
         unread = "; ".join(f"{spoken(role)}: {why}" for role, why in roles.unread.items())
         raise InputError(
@@ -208,7 +212,7 @@ def read_roles(
     _check_placement(roles)
     return LoadOptions(
         maps=roles.maps,
-        colour_space=colour_space_of(roles.textures, log),
+        colour_space=_colour_space(roles),
         normal_convention=roles.convention,
         roughness_is_gloss=roles.is_gloss if "roughness" in roles.textures else None,
         wrap=_wrap(roles),
@@ -280,7 +284,7 @@ def _check_placement(roles: _Roles) -> None:
 
 def _wrap(roles: _Roles) -> tuple[str, str]:
     leading = roles.textures.get("normal") or roles.textures["roughness"]
-    if any(t.wrap != leading.wrap for role, t in roles.textures.items() if role in (*SHADING_ROLES, *PLAIN_ROLES)):
+    if any(texture.wrap != leading.wrap for texture in roles.textures.values()):
         roles.log.warnings.append(
             f"maps are addressed differently beyond their borders: all are addressed as {leading.path.name} is"
         )
@@ -291,3 +295,45 @@ def _wrap(roles: _Roles) -> tuple[str, str]:
             )
     u, v = ("wrap" if mode == "wrap" else "clamp" for mode in leading.wrap)
     return u, v
+
+
+def _colour_space(roles: _Roles) -> str | None:
+    """The colour space of the colours, as `LoadOptions` takes it; None leaves it to the type of the file."""
+    spaces: dict[str, str | None] = {}
+    log = roles.log
+    for role in [role for role in COLOUR_ROLES if role in roles.textures]:
+        texture = roles.textures[role]
+        named, label = texture.colour_space, texture.path.name
+        spaces[role] = None if named is None else _decoding(named)
+        if named is None:
+            log.notes.append(f"{label}: the document names no colour space, its type decides")
+        elif named.lower() in _NEARLY_SRGB:
+            log.warnings.append(f"{label}: {named} is decoded as sRGB, which is close to it")
+        elif spaces[role] is None:
+            log.warnings.append(f"{label}: the colour space {named} is not known, the file's type decides")
+        elif texture.inherited and spaces[role] == LINEAR and texture.path.suffix.lower() in _INTEGER_SUFFIXES:
+            log.warnings.append(
+                f"{label}: is linear by the document's colour space {named}, which its file input does not change; "
+                'if it is sRGB, say colorspace="srgb_texture" there'
+            )
+    chosen = next(iter(spaces.values()), None)
+    if len(set(spaces.values())) > 1:
+        log.warnings.append(
+            f"base colour and emissive are in different colour spaces: both are decoded as "
+            f"{chosen or 'their types say'}"
+        )
+    return chosen
+
+
+def _decoding(name: str) -> str | None:
+    """The name under which decoding knows a colour space; None where it does not."""
+    lowered = name.strip().lower()
+    if lowered.removesuffix("_scene") in _NEARLY_SRGB:
+        return SRGB
+    space = RAW if lowered in ("none", "data") else spelt_space(lowered.removesuffix("_scene"))
+    if space is None:
+        try:
+            return canonical_colour_space(name)
+        except UsageError:
+            return None
+    return LINEAR if space == RAW else f"linear {space}" if space in ("ACEScg", "ACES2065-1") else space
