@@ -173,14 +173,11 @@ def _check_apart(path: Path, members: Sequence[zipfile.ZipInfo]) -> None:
 
 def _read_of(every: Sequence[zipfile.ZipInfo]) -> list[zipfile.ZipInfo]:
     """Images and documents; beside glTF documents all files, because their buffers and images have any name."""
-    shown = [member for member in every if not member.is_dir() and not _is_hidden(member)]
+    files = [member for member in every if not member.is_dir() and "__MACOSX" not in _place(member).parts]
+    shown = [member for member in files if not any(part.startswith(".") for part in _place(member).parts)]
     if any(_place(member).suffix.lower() in GLTF for member in shown):
         return shown
     return [member for member in shown if _place(member).suffix.lower() in (*IMAGE_SUFFIXES, MATERIALX)]
-
-
-def _is_hidden(member: zipfile.ZipInfo) -> bool:
-    return any(part.startswith(".") or part == "__MACOSX" for part in _place(member).parts)
 
 
 def _place(member: zipfile.ZipInfo) -> PurePosixPath:

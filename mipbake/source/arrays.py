@@ -12,9 +12,6 @@ from mipbake.source.decode import RANGES, unit_directions
 from mipbake.source.normal import normalised
 from mipbake.source.options import COLOUR_ROLES
 
-_TOPS = (1, 255, 65535)
-"""The largest encoded value: of floats, of 8 bits and of 16 bits."""
-
 
 def checked_array(role: str, value: ArrayLike | float) -> NDArray[np.float32]:
     """(H, W, C) float32 of a role, vectors unit; InputError when the shape or a value does not fit the role."""
@@ -51,7 +48,7 @@ def _check_encoding(role: str, array: NDArray[np.float32], dtype: np.dtype[Any])
     """InputError for values as files store them: integers that stand for 0 to 1, vectors moved into 0 to 1."""
     if role in ("normal", "anisotropy"):
         vectors = array[..., :3] if role == "normal" else array[..., :2]
-        for top in _TOPS:
+        for top in (1, 255, 65535):  # the largest encoded value: of floats, of 8 bits and of 16 bits
             if vectors.min() >= 0 and vectors.max() <= top and _are_unit(2 * vectors / np.float32(top) - 1):
                 if _are_unit(vectors):
                     return

@@ -129,7 +129,7 @@ _NEEDS_SEPARATOR = frozenset({"d", "n", "r", "m", "h", "e", "bc", "id", "mads", 
 
 # Words that name materials and pictures as often as maps are only trusted where something sets them off: `gunmetal`.
 _LOOSE = frozenset({"smooth", "cutout", "id", "mask"})
-_LEAST_GLUED = 5  # letters; shorter words end too many others
+_LEAST_GLUED = 6  # letters; shorter words end too many others, except for `color`
 
 _TRAILING = re.compile(
     r"\d{1,2}k|\d{2,5}x\d{2,5}|128|256|512|1024|2048|4096|8192|16384|lod\d|[uv]\d{1,3}|(8|16|32)bit|1\d{3}"
@@ -213,20 +213,13 @@ def interpretations(stem: str) -> list[NameMatch]:
 def _glued(words: Sequence[str]) -> list[NameMatch]:
     """What the last of several words means by how it ends: the longest known word, and only a long one."""
     whole = words[-1]
-    for start in range(1, len(whole) - _LEAST_GLUED + 1):
-        meanings = _words().get(whole[start:])
-        if meanings is None or whole[start:] not in _glued_words():
-            continue
-        ranked = tuple(replace(meaning, rank=meaning.rank + _GLUED) for meaning in meanings)
-        return [NameMatch(whole[start:], ranked, "".join([*words[:-1], whole[:start]]))]
+    for start in range(1, len(whole)):
+        word = whole[start:]
+        meanings = _words().get(word)
+        if meanings is not None and (len(word) >= _LEAST_GLUED or word == "color") and word not in _LOOSE:
+            ranked = tuple(replace(meaning, rank=meaning.rank + _GLUED) for meaning in meanings)
+            return [NameMatch(word, ranked, "".join([*words[:-1], whole[:start]]))]
     return []
-
-
-@cache
-def _glued_words() -> frozenset[str]:
-    """Words that are trusted without anything that sets them off."""
-    long = {word for word in _words() if len(word) > _LEAST_GLUED}
-    return frozenset((long | {"color"}) - _LOOSE)
 
 
 _OPPOSITE = {"gl": "DX", "ogl": "DX", "opengl": "DirectX", "dx": "GL", "directx": "OpenGL", "d3d": "GL"}

@@ -105,12 +105,10 @@ def _key(words: str, stem: str) -> str:
 
 def _compete(groups: Sequence[Iterable[NameMatch]], decided: set[str]) -> bool:
     """Whether files of two groups would fill one role of a set, none of them preferred."""
-    for role in SHADING_ROLES:
-        if role in decided:
-            continue
-        ranks = [min((m.rank for e in g for m in e.meanings if m.role == role), default=None) for g in groups]
-        known = [rank for rank in ranks if rank is not None]
-        if known and known.count(min(known)) > 1:
+    for role in set(SHADING_ROLES) - decided:
+        several = ([m.rank for match in group for m in match.meanings if m.role == role] for group in groups)
+        best = [min(ranks) for ranks in several if ranks]
+        if best and best.count(min(best)) > 1:
             return True
     return False
 

@@ -70,7 +70,15 @@ def write_image(
     specs: list[OpenImageIO.ImageSpec] = []
     size = 0
     for spec, level in levels:
-        if not _put(out, path, spec, following if specs else "Create", np.ascontiguousarray(level)):
+        # All texels go in one call. OpenImageIO's write_image goes on after a row of tiles that could not be written,
+        # and OpenEXR then waits for ever for memory that the failure has kept.
+        texels = np.ascontiguousarray(level)
+        written = out.open(str(path), spec, following if specs else "Create")
+        if written and spec.tile_width:
+            written = out.write_tiles(0, spec.width, 0, spec.height, 0, 1, texels)
+        elif written:
+            written = out.write_scanlines(0, spec.height, 0, texels)
+        if not written:
             check_room(path, level.nbytes)
             raise OutputError(f"cannot write level {len(specs)} of {path}: {told_by(out.geterror)}")
         specs.append(spec)
@@ -79,29 +87,17 @@ def write_image(
     why = "" if closed else told_by(out.geterror)
     del out  # the file is complete only when nothing holds the writer any more
     if not why:
-        why = _fault(path, specs)
+        why = _fault(path, specs[0])
     if why:
         check_room(path, size)
         raise OutputError(f"{path} is not complete after writing ({why}): check the disk")
 
 
-def _put(
-    out: OpenImageIO.ImageOutput, path: Path, spec: OpenImageIO.ImageSpec, mode: str, texels: NDArray[np.generic]
-) -> bool:
-    """Whether one level was written.
+def _fault(path: Path, first: OpenImageIO.ImageSpec) -> str:
+    """What of a file is missing, its texels apart; "" for nothing. `first`: the description of level 0, whose
+    attributes the file has to give back."""
+    import OpenImageIO
 
-    All texels go in one call. OpenImageIO's write_image goes on after a row of tiles that could not be written, and
-    OpenEXR then waits for ever for memory that the failure has kept.
-    """
-    if not out.open(str(path), spec, mode):
-        return False
-    if spec.tile_width:
-        return bool(out.write_tiles(0, spec.width, 0, spec.height, 0, 1, texels))
-    return bool(out.write_scanlines(0, spec.height, 0, texels))
-
-
-def _fault(path: Path, specs: list[OpenImageIO.ImageSpec]) -> str:
-    """What of a file is missing, its texels apart; "" for nothing."""
     try:
         with disk.opened(path) as file:
             if file.read(len(PNG_SIGNATURE)) == PNG_SIGNATURE:
@@ -109,21 +105,14 @@ def _fault(path: Path, specs: list[OpenImageIO.ImageSpec]) -> str:
                 return ""
         check_exr(path)
         _check_tiff(path)
-        return _missing_text(path, specs[0])
     except InputError as error:
         return str(error)
-
-
-def _missing_text(path: Path, spec: OpenImageIO.ImageSpec) -> str:
-    """Which attribute of level 0 a file does not give back; "" for none."""
-    import OpenImageIO
-
     source = opened_image(path)
     if source is None:
         return told_by(OpenImageIO.geterror)
     found = source.spec()
     source.close()
-    lost = [name for name in _TEXTS if spec.getattribute(name) not in (None, found.getattribute(name))]
+    lost = [name for name in _TEXTS if first.getattribute(name) not in (None, found.getattribute(name))]
     return f"the attribute {lost[0]} is missing" if lost else ""
 
 
