@@ -175,7 +175,8 @@ def _natural_channels(role: str, header: Header) -> str:
 
 
 def _constant(role: str, value: tuple[float, ...]) -> MapSource:
-    return MapSource.made(role, 1, 1, "constant", value * 3 if role == "base_color" and len(value) == 1 else value)
+    channels = value * 3 if role == "base_color" and len(value) == 1 else value
+    return replace(MapSource.made(role, 1, 1, "constant"), constant=channels)
 
 
 def _incomplete(

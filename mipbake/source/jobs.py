@@ -157,28 +157,25 @@ def with_names_apart(found: Sequence[Job | Failure]) -> list[Job | Failure]:
     """The same jobs, no two results of one name: jobs that would share a name are also called after the folder around
     their source, or numbered where that folder is the same.
     """
+    jobs = {index: job for index, job in enumerate(found) if isinstance(job, Job)}
     groups: dict[str, dict[object, list[int]]] = {}
-    for index, job in enumerate(found):
-        if isinstance(job, Job):
-            groups.setdefault(job.top.casefold(), {}).setdefault(_unit(job, index), []).append(index)
+    for index, job in jobs.items():
+        groups.setdefault(job.top.casefold(), {}).setdefault(_unit(job, index), []).append(index)
     taken = set(groups)
-    made = list(found)
     for units in groups.values():
         if len(units) < 2:
             continue
-        jobs = [[job for i in unit if isinstance(job := found[i], Job)] for unit in units.values()]
-        around = [f"{job.source.resolve().parent.name.removesuffix(SUFFIX)}_{job.top}" for job, *_ in jobs]
+        firsts = [jobs[unit[0]] for unit in units.values()]
+        around = [f"{job.source.resolve().parent.name.removesuffix(SUFFIX)}_{job.top}" for job in firsts]
         apart = len({name.casefold() for name in around}) == len(units)
-        sources = listed(dict.fromkeys(str(job.source) for job, *_ in jobs))
-        for number, unit in enumerate(units.values()):
-            top = jobs[number][0].top
-            name = around[number] if apart else top
+        sources = listed(dict.fromkeys(str(job.source) for job in firsts))
+        for number, (first, unit) in enumerate(zip(firsts, units.values(), strict=True)):
+            name = around[number] if apart else first.top
             if apart or number:
                 name = unique_name(name, "texture_set", taken)
-            note = f"it is called {name} here, because several are called {top}: {sources}"
-            for index, job in zip(unit, jobs[number], strict=True):
-                made[index] = job.renamed(name, note)
-    return made
+            note = f"it is called {name} here, because several are called {first.top}: {sources}"
+            jobs |= {index: jobs[index].renamed(name, note) for index in unit}
+    return [jobs.get(index, each) for index, each in enumerate(found)]
 
 
 def _unit(job: Job, index: int) -> object:

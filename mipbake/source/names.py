@@ -104,13 +104,10 @@ def _words() -> dict[str, tuple[Meaning, ...]]:
         words[base + suffix] = (Meaning("normal", convention=convention),)
     for word, letters in _PACKED_WORDS.items():
         words[word] = tuple(Meaning(_PACKED_LETTERS[w], c, rank=_PACKED) for w, c in zip(letters, "RGB", strict=True))
-    occlusion, roughness, metallic = (
-        Meaning(role, c, rank=_PACKED) for role, c in zip(("occlusion", "roughness", "metallic"), "RGB", strict=True)
-    )
     for long_word in ("occlusionroughnessmetallic", "aoroughnessmetallic", "aoroughmetal"):
-        words[long_word] = (occlusion, roughness, metallic)
+        words[long_word] = words["orm"]
     for long_word in ("metallicroughness", "roughnessmetallic", "metalroughness", "roughnessmetalness", "metalrough"):
-        words[long_word] = (roughness, metallic)
+        words[long_word] = words["orm"][1:]
     smoothness = Meaning("roughness", "A", inverted=True, rank=_PACKED)
     for metal, gloss in product(("metallic", "metal"), ("smoothness", "smooth", "gloss", "glossmap", "glossiness")):
         words[metal + gloss] = (Meaning("metallic", "R", rank=_PACKED), smoothness)

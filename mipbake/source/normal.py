@@ -30,7 +30,6 @@ SHORT_LENGTH = 0.98
 DECIDED_CONFIDENCE = 0.75
 """Confidence from which the integrability test is believed."""
 
-
 _NO_LENGTH = 0.02
 """Length of a stored vector below which its direction is the rounding of 8 bits, or nothing."""
 

@@ -76,12 +76,10 @@ class MapSource:
         return cls(role, header.path, channels, *about, layer=layer, **others)
 
     @classmethod
-    def made(
-        cls, role: str, width: int, height: int, reason: str, constant: tuple[float, ...] | None = None
-    ) -> MapSource:
+    def made(cls, role: str, width: int, height: int, reason: str) -> MapSource:
         """The source of a role whose values are in no file, and why it fills the role."""
         encoding = LINEAR if role in COLOUR_ROLES else DATA
-        return cls(role, None, "", width, height, "float", encoding, False, reason, constant)
+        return cls(role, None, "", width, height, "float", encoding, False, reason)
 
     @property
     def applied(self) -> tuple[object, ...]:

@@ -160,10 +160,9 @@ def _bake(
         origin="document",
     )
     made = (lobe.roughness,) if is_coat else (lobe.roughness, lobe.normal, ANISOTROPIC)  # even where there is none yet
-    slots = dict.fromkeys([*(s for s in (BASE_COLOUR,) if s in first.slots), *made])
-    slots |= dict.fromkeys(slot for slot in (lobe.normal,) if slot in first.slots)
+    slots = tuple(s for s in dict.fromkeys((BASE_COLOUR, *made, lobe.normal)) if s in made or s in first.slots)
     indices, unique = tuple(part.index for part in parts), tuple(dict.fromkeys(files))
-    return GltfBake(name, indices, options, unique, tuple(slots), tuple(notes), tuple(warnings), lobe)
+    return GltfBake(name, indices, options, unique, slots, tuple(notes), tuple(warnings), lobe)
 
 
 def _maps(parts: Sequence[Part], images: Images, files: list[Path], notes: list[str]) -> dict[str, MapChoice]:

@@ -16,7 +16,6 @@ from mipbake.source.gltf.document import Json, extensions_in
 _ELSEWHERE = ("asset", "extras", "textures", "images", "accessors", "bufferViews", "buffers")
 """Members of a document that name no texture and no image, or are looked at apart."""
 
-
 Use: TypeAlias = tuple[Any, int]
 """An index, and the object or array that it stands in."""
 

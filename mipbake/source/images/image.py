@@ -131,16 +131,7 @@ def in_gltf(said: Declared) -> Declared:
     )
 
 
-_TURNS = {
-    1: (False, False, False),
-    2: (False, False, True),
-    3: (False, True, True),
-    4: (False, True, False),
-    5: (True, False, False),
-    6: (True, False, True),
-    7: (True, True, True),
-    8: (True, True, False),
-}
+_TURNS = {turn: (turn >= 5, turn in (3, 4, 7, 8), turn in (2, 3, 6, 7)) for turn in range(1, 9)}
 """Orientation to whether rows and columns are exchanged, then rows reversed, then columns reversed."""
 
 

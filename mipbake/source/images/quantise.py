@@ -10,7 +10,6 @@ from mipbake.base.errors import UsageError
 KINDS = {"8": np.uint8, "16": np.uint16, "half": np.float16, "float": np.float32}
 """What a texel's channel is stored as, by the name that users give."""
 
-
 _MOST = {"8": 255, "16": 65535, "half": float(np.finfo(np.float16).max), "float": float(np.finfo(np.float32).max)}
 
 
