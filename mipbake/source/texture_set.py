@@ -236,15 +236,13 @@ def _decoded(found: Found, options: LoadOptions) -> tuple[dict[str, TextureMap],
             size = (found.width, found.height) if role in SHADING_ROLES else (1, 1)
             decoded[role] = constant_map(source, *size)
 
-    def read_file(sources: list[MapSource]) -> list[tuple[TextureMap, list[str]]]:
-        first = sources[0]
-        assert first.path is not None
-        image = read_image(first.path, first.layer, first.metadata)
+    def read_file(place: tuple[Path, tuple[int, str]], sources: list[MapSource]) -> list[tuple[TextureMap, list[str]]]:
+        image = read_image(*place, sources[0].metadata)
         return [decode_map(source, image, options) for source in sources]
 
     # Decoders release the interpreter; more files at once than cores would only hold more memory.
     with ThreadPoolExecutor(max(1, min(4, os.cpu_count() or 1))) as pool:
-        for texture, doubts in (each for part in pool.map(read_file, by_file.values()) for each in part):
+        for texture, doubts in (each for part in pool.map(read_file, by_file, by_file.values()) for each in part):
             decoded[texture.source.role] = texture
             warnings += doubts
     return decoded, warnings

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from mipbake.base import disk
 from mipbake.base.errors import InputError
-from mipbake.source.options import LoadOptions, MapChoice
+from mipbake.source.options import LoadOptions
 
 FIRST, LAST = 1001, 1999
 
@@ -90,14 +90,13 @@ def tile_options(options: LoadOptions, tile: int, folder: Path | None = None) ->
     """The options for one tile: <UDIM> and <UVTILE> in the maps are replaced, which are relative to the folder, or to
     the working directory. Maps that this tile has no file for are left out, as `load` fills them with constants;
     InputError where it has no normal or no roughness map."""
-    maps: dict[str, MapChoice] = {}
+    maps = dict(options.maps)
+    u, v = place(tile)
+    written = {"UDIM": str(tile), "UVTILE": f"u{u + 1}_v{v + 1}"}
     for role, choice in options.maps.items():
-        maps[role] = choice
         if not isinstance(choice, (str, os.PathLike)) or not is_pattern(choice):
             continue
-        u, v = place(tile)
-        written = {"UDIM": str(tile), "UVTILE": f"u{u + 1}_v{v + 1}"}
-        text = PLACEHOLDER.sub(lambda found: written[found[1].upper()], os.fspath(choice))  # noqa: B023
+        text = PLACEHOLDER.sub(lambda found: written[found[1].upper()], os.fspath(choice))
         there = (folder or Path()) / CHANNELS.sub("", text)
         maps[role] = text
         if "*" not in text and not disk.is_file(there):

@@ -19,9 +19,9 @@ from mipbake.base.safe_names import unique_name
 from mipbake.base.srgb import linear_to_srgb
 from mipbake.source.gltf import uris
 from mipbake.source.gltf.document import Document, Json, extensions_in, view_bytes
-from mipbake.source.images.image import Header
+from mipbake.source.images.image import Header, Image
 from mipbake.source.images.oiio_levels import write_png
-from mipbake.source.images.read import read_header, read_image
+from mipbake.source.images.read import read_image
 
 BASISU = "KHR_texture_basisu"
 
@@ -146,15 +146,13 @@ class Images:
         damaged."""
         key = self.key(image)
         if key not in self._headers:
-            self.pixels(image)
-            self._headers[key] = read_header(self.file(image), metadata=False)
+            self._headers[key] = self._read(image).header
         return self._headers[key]
 
-    def pixels(self, image: int) -> NDArray[Any]:
-        """Pixels as they are stored; InputError, which names the document and the image, where they are damaged."""
+    def _read(self, image: int) -> Image:
         path = self.file(image)
         try:
-            return read_image(path, metadata=False).pixels
+            return read_image(path, metadata=False)
         except InputError as error:
             reason = error.full.replace(str(path), "its data")  # the file is gone when this is read
             raise InputError(
@@ -164,7 +162,7 @@ class Images:
     def linear(self, image: int, srgb: bool = True) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
         """(H, W, 3) red, green and blue in [0, 1], decoded where they are sRGB-encoded, grey three times; and
         (H, W, 1) alpha, None where there is none."""
-        stored, at = self.pixels(image), self.header(image).alpha
+        stored, at = self._read(image).pixels, self.header(image).alpha
         colours = np.broadcast_to(stored[..., : 1 if self.is_grey(image) else 3], (*stored.shape[:2], 3))
         alpha = None if at < 0 else unit_range(stored[..., at : at + 1])
         return decode(colours, SRGB) if srgb else unit_range(colours), alpha
@@ -191,7 +189,9 @@ class Images:
 
         Without an image it is one texel: KHR_materials_anisotropy takes (1, 0.5, 1) where there is no texture.
         """
-        stored = np.array([[[1.0, 0.5, 1.0]]]) if image is None else unit_range(self.pixels(image)).astype(np.float64)
+        stored = np.array([[[1.0, 0.5, 1.0]]])
+        if image is not None:
+            stored = unit_range(self._read(image).pixels).astype(np.float64)
         x, y = (stored[..., i] * 2 - 1 for i in (0, 1))
         length = np.maximum(np.hypot(x, y), 1e-6)
         c, s = math.cos(rotation), math.sin(rotation)

@@ -11,7 +11,8 @@ _RGBSDA, _BC1, _BC2, _BC3, _BC4, _BC5, _BC7, _UASTC = 1, 128, 129, 130, 131, 132
 
 _BC1_ALPHA = 1
 _UASTC_RGB, _UASTC_RGBA, _UASTC_RRR, _UASTC_RRRG, _UASTC_RG = 0, 3, 4, 5, 6
-_RED, _GREEN, _BLUE, _ALPHA = 0, 1, 2, 15
+_ALPHA = 15
+_RGBA = (0, 1, 2, _ALPHA)
 _LINEAR_ALPHA, _SIGNED, _FLOAT = 0x10, 0x40, 0x80
 _ONE, _MINUS_ONE = 0x3F800000, 0xBF800000  # as float32
 _BLOCK_UPPER = 0xFFFFFFFF
@@ -27,17 +28,6 @@ _UASTC_CHANNELS = {
 
 
 @dataclass(frozen=True)
-class Sample:
-    """Bits of a texel block and the channel that they hold, as a Khronos descriptor has them."""
-
-    offset: int
-    length: int
-    channel: int
-    lower: int
-    upper: int
-
-
-@dataclass(frozen=True)
 class GpuFormat:
     """What the bytes of a level are.
 
@@ -45,7 +35,7 @@ class GpuFormat:
         name: the name in Vulkan, without its prefix.
         vulkan, dxgi: VkFormat and DXGI_FORMAT; 0 where there is none, since it is transcoded before it is sampled.
         unit: bytes in which endianness matters.
-        model: colour model of the descriptor. samples: samples of the descriptor.
+        model: colour model of the descriptor. held: channels of its samples, which share the bits of a block evenly.
         side: texels of a block's side. block: bytes of a block.
         srgb: whether colours are sRGB-encoded.
     """
@@ -58,7 +48,18 @@ class GpuFormat:
     side: int
     block: int
     srgb: bool
-    samples: tuple[Sample, ...]
+    held: tuple[int, ...]
+
+    @property
+    def samples(self) -> tuple[tuple[int, int, int, int, int], ...]:
+        """Samples of the descriptor: the first bit in a block, how many there are, the channel with its flags, and what
+        stands for the least and for the greatest number."""
+        bits = 8 * self.block // len(self.held)
+        low, high = (0, _BLOCK_UPPER) if self.side > 1 else (_MINUS_ONE, _ONE) if self.is_float else (0, 255)
+        flags = dict.fromkeys(self.held, _SIGNED | _FLOAT if self.is_float else 0)
+        if self.srgb and _ALPHA in flags:
+            flags[_ALPHA] |= _LINEAR_ALPHA
+        return tuple((i * bits, bits, channel | flags[channel], low, high) for i, channel in enumerate(self.held))
 
     @property
     def is_float(self) -> bool:
@@ -74,72 +75,57 @@ class GpuFormat:
     def decoded_channels(self) -> tuple[int, ...]:
         """Which channels of the texels that a decoder gives these are."""
         if self.model == _UASTC:
-            return _UASTC_CHANNELS[self.samples[0].channel]
-        colours = 4 if self.samples[0].channel == _BC1_ALPHA else 3
+            return _UASTC_CHANNELS[self.held[0]]
+        colours = 4 if self.held[0] == _BC1_ALPHA else 3
         blocks = {_BC1: colours, _BC2: 4, _BC3: 4, _BC4: 1, _BC5: 2, _BC7: 4}
-        return tuple(range(blocks.get(self.model, len(self.samples))))
+        return tuple(range(blocks.get(self.model, len(self.held))))
 
     def level_size(self, width: int, height: int) -> int:
         """Bytes of a level."""
         return math.ceil(width / self.side) * math.ceil(height / self.side) * self.block
 
 
-def _unorm(channels: int, srgb: bool) -> tuple[Sample, ...]:
-    ids = (_RED, _GREEN, _BLUE, _ALPHA | (_LINEAR_ALPHA if srgb else 0))[:channels]
-    return tuple(Sample(8 * i, 8, channel, 0, 255) for i, channel in enumerate(ids))
-
-
-def _half(channels: int) -> tuple[Sample, ...]:
-    ids = (_RED, _GREEN, _BLUE, _ALPHA)[:channels]
-    return tuple(Sample(16 * i, 16, c | _SIGNED | _FLOAT, _MINUS_ONE, _ONE) for i, c in enumerate(ids))
-
-
-def _blocks(bits: int, *channels: int) -> tuple[Sample, ...]:
-    each = bits // len(channels)
-    return tuple(Sample(each * i, each, channel, 0, _BLOCK_UPPER) for i, channel in enumerate(channels))
-
-
 _ALL = (
-    GpuFormat("R8_UNORM", 9, 61, 1, _RGBSDA, 1, 1, False, _unorm(1, False)),
-    GpuFormat("R8G8_UNORM", 16, 49, 1, _RGBSDA, 1, 2, False, _unorm(2, False)),
-    GpuFormat("R8G8B8A8_UNORM", 37, 28, 1, _RGBSDA, 1, 4, False, _unorm(4, False)),
-    GpuFormat("R8G8B8A8_SRGB", 43, 29, 1, _RGBSDA, 1, 4, True, _unorm(4, True)),
-    GpuFormat("R16_SFLOAT", 76, 54, 2, _RGBSDA, 1, 2, False, _half(1)),
-    GpuFormat("R16G16_SFLOAT", 83, 34, 2, _RGBSDA, 1, 4, False, _half(2)),
-    GpuFormat("R16G16B16A16_SFLOAT", 97, 10, 2, _RGBSDA, 1, 8, False, _half(4)),
-    GpuFormat("BC1_RGB_UNORM_BLOCK", 131, 71, 1, _BC1, 4, 8, False, _blocks(64, 0)),
-    GpuFormat("BC1_RGB_SRGB_BLOCK", 132, 72, 1, _BC1, 4, 8, True, _blocks(64, 0)),
-    GpuFormat("BC4_UNORM_BLOCK", 139, 80, 1, _BC4, 4, 8, False, _blocks(64, 0)),
-    GpuFormat("BC5_UNORM_BLOCK", 141, 83, 1, _BC5, 4, 16, False, _blocks(128, _RED, _GREEN)),
-    GpuFormat("BC7_UNORM_BLOCK", 145, 98, 1, _BC7, 4, 16, False, _blocks(128, 0)),
-    GpuFormat("BC7_SRGB_BLOCK", 146, 99, 1, _BC7, 4, 16, True, _blocks(128, 0)),
-    GpuFormat("UASTC_RG_UNORM_BLOCK", 0, 0, 1, _UASTC, 4, 16, False, _blocks(128, _UASTC_RG)),
-    GpuFormat("UASTC_RGB_UNORM_BLOCK", 0, 0, 1, _UASTC, 4, 16, False, _blocks(128, _UASTC_RGB)),
-    GpuFormat("UASTC_RGBA_UNORM_BLOCK", 0, 0, 1, _UASTC, 4, 16, False, _blocks(128, _UASTC_RGBA)),
-    GpuFormat("UASTC_RGB_SRGB_BLOCK", 0, 0, 1, _UASTC, 4, 16, True, _blocks(128, _UASTC_RGB)),
-    GpuFormat("UASTC_RGBA_SRGB_BLOCK", 0, 0, 1, _UASTC, 4, 16, True, _blocks(128, _UASTC_RGBA)),
+    GpuFormat("R8_UNORM", 9, 61, 1, _RGBSDA, 1, 1, False, _RGBA[:1]),
+    GpuFormat("R8G8_UNORM", 16, 49, 1, _RGBSDA, 1, 2, False, _RGBA[:2]),
+    GpuFormat("R8G8B8A8_UNORM", 37, 28, 1, _RGBSDA, 1, 4, False, _RGBA),
+    GpuFormat("R8G8B8A8_SRGB", 43, 29, 1, _RGBSDA, 1, 4, True, _RGBA),
+    GpuFormat("R16_SFLOAT", 76, 54, 2, _RGBSDA, 1, 2, False, _RGBA[:1]),
+    GpuFormat("R16G16_SFLOAT", 83, 34, 2, _RGBSDA, 1, 4, False, _RGBA[:2]),
+    GpuFormat("R16G16B16A16_SFLOAT", 97, 10, 2, _RGBSDA, 1, 8, False, _RGBA),
+    GpuFormat("BC1_RGB_UNORM_BLOCK", 131, 71, 1, _BC1, 4, 8, False, (0,)),
+    GpuFormat("BC1_RGB_SRGB_BLOCK", 132, 72, 1, _BC1, 4, 8, True, (0,)),
+    GpuFormat("BC4_UNORM_BLOCK", 139, 80, 1, _BC4, 4, 8, False, (0,)),
+    GpuFormat("BC5_UNORM_BLOCK", 141, 83, 1, _BC5, 4, 16, False, _RGBA[:2]),
+    GpuFormat("BC7_UNORM_BLOCK", 145, 98, 1, _BC7, 4, 16, False, (0,)),
+    GpuFormat("BC7_SRGB_BLOCK", 146, 99, 1, _BC7, 4, 16, True, (0,)),
+    GpuFormat("UASTC_RG_UNORM_BLOCK", 0, 0, 1, _UASTC, 4, 16, False, (_UASTC_RG,)),
+    GpuFormat("UASTC_RGB_UNORM_BLOCK", 0, 0, 1, _UASTC, 4, 16, False, (_UASTC_RGB,)),
+    GpuFormat("UASTC_RGBA_UNORM_BLOCK", 0, 0, 1, _UASTC, 4, 16, False, (_UASTC_RGBA,)),
+    GpuFormat("UASTC_RGB_SRGB_BLOCK", 0, 0, 1, _UASTC, 4, 16, True, (_UASTC_RGB,)),
+    GpuFormat("UASTC_RGBA_SRGB_BLOCK", 0, 0, 1, _UASTC, 4, 16, True, (_UASTC_RGBA,)),
 )
 
 GPU_FORMATS: Mapping[str, GpuFormat] = {each.name: each for each in _ALL}
 """The formats that are written, by name."""
 
 _ONLY_READ = (
-    GpuFormat("R8_SRGB", 15, 0, 1, _RGBSDA, 1, 1, True, _unorm(1, True)),
-    GpuFormat("R8G8_SRGB", 22, 0, 1, _RGBSDA, 1, 2, True, _unorm(2, True)),
-    GpuFormat("R8G8B8_UNORM", 23, 0, 1, _RGBSDA, 1, 3, False, _unorm(3, False)),
-    GpuFormat("R8G8B8_SRGB", 29, 0, 1, _RGBSDA, 1, 3, True, _unorm(3, True)),
-    GpuFormat("R16G16B16_SFLOAT", 90, 0, 2, _RGBSDA, 1, 6, False, _half(3)),
-    GpuFormat("BC1_RGBA_UNORM_BLOCK", 133, 71, 1, _BC1, 4, 8, False, _blocks(64, _BC1_ALPHA)),
-    GpuFormat("BC1_RGBA_SRGB_BLOCK", 134, 72, 1, _BC1, 4, 8, True, _blocks(64, _BC1_ALPHA)),
-    GpuFormat("BC2_UNORM_BLOCK", 135, 74, 1, _BC2, 4, 16, False, _blocks(128, 0)),
-    GpuFormat("BC2_SRGB_BLOCK", 136, 75, 1, _BC2, 4, 16, True, _blocks(128, 0)),
-    GpuFormat("BC3_UNORM_BLOCK", 137, 77, 1, _BC3, 4, 16, False, _blocks(128, 0)),
-    GpuFormat("BC3_SRGB_BLOCK", 138, 78, 1, _BC3, 4, 16, True, _blocks(128, 0)),
-    GpuFormat("UASTC_RRR_UNORM_BLOCK", 0, 0, 1, _UASTC, 4, 16, False, _blocks(128, _UASTC_RRR)),
-    GpuFormat("UASTC_RRR_SRGB_BLOCK", 0, 0, 1, _UASTC, 4, 16, True, _blocks(128, _UASTC_RRR)),
-    GpuFormat("UASTC_RRRG_UNORM_BLOCK", 0, 0, 1, _UASTC, 4, 16, False, _blocks(128, _UASTC_RRRG)),
-    GpuFormat("UASTC_RRRG_SRGB_BLOCK", 0, 0, 1, _UASTC, 4, 16, True, _blocks(128, _UASTC_RRRG)),
-    GpuFormat("UASTC_RG_SRGB_BLOCK", 0, 0, 1, _UASTC, 4, 16, True, _blocks(128, _UASTC_RG)),
+    GpuFormat("R8_SRGB", 15, 0, 1, _RGBSDA, 1, 1, True, _RGBA[:1]),
+    GpuFormat("R8G8_SRGB", 22, 0, 1, _RGBSDA, 1, 2, True, _RGBA[:2]),
+    GpuFormat("R8G8B8_UNORM", 23, 0, 1, _RGBSDA, 1, 3, False, _RGBA[:3]),
+    GpuFormat("R8G8B8_SRGB", 29, 0, 1, _RGBSDA, 1, 3, True, _RGBA[:3]),
+    GpuFormat("R16G16B16_SFLOAT", 90, 0, 2, _RGBSDA, 1, 6, False, _RGBA[:3]),
+    GpuFormat("BC1_RGBA_UNORM_BLOCK", 133, 71, 1, _BC1, 4, 8, False, (_BC1_ALPHA,)),
+    GpuFormat("BC1_RGBA_SRGB_BLOCK", 134, 72, 1, _BC1, 4, 8, True, (_BC1_ALPHA,)),
+    GpuFormat("BC2_UNORM_BLOCK", 135, 74, 1, _BC2, 4, 16, False, (0,)),
+    GpuFormat("BC2_SRGB_BLOCK", 136, 75, 1, _BC2, 4, 16, True, (0,)),
+    GpuFormat("BC3_UNORM_BLOCK", 137, 77, 1, _BC3, 4, 16, False, (0,)),
+    GpuFormat("BC3_SRGB_BLOCK", 138, 78, 1, _BC3, 4, 16, True, (0,)),
+    GpuFormat("UASTC_RRR_UNORM_BLOCK", 0, 0, 1, _UASTC, 4, 16, False, (_UASTC_RRR,)),
+    GpuFormat("UASTC_RRR_SRGB_BLOCK", 0, 0, 1, _UASTC, 4, 16, True, (_UASTC_RRR,)),
+    GpuFormat("UASTC_RRRG_UNORM_BLOCK", 0, 0, 1, _UASTC, 4, 16, False, (_UASTC_RRRG,)),
+    GpuFormat("UASTC_RRRG_SRGB_BLOCK", 0, 0, 1, _UASTC, 4, 16, True, (_UASTC_RRRG,)),
+    GpuFormat("UASTC_RG_SRGB_BLOCK", 0, 0, 1, _UASTC, 4, 16, True, (_UASTC_RG,)),
 )
 
 READ_FORMATS: Mapping[str, GpuFormat] = {**GPU_FORMATS} | {each.name: each for each in _ONLY_READ}

@@ -73,7 +73,8 @@ def _descriptor(made: GpuFormat) -> bytes:
     Babylon.js of July 2026 reads nothing else (its pull request 18793).
     """
     samples = b"".join(
-        struct.pack("<HBB4B2I", s.offset, s.length - 1, s.channel, 0, 0, 0, 0, s.lower, s.upper) for s in made.samples
+        struct.pack("<HBB4B2I", first, bits - 1, channel, 0, 0, 0, 0, low, high)
+        for first, bits, channel, low, high in made.samples
     )
     size = 24 + len(samples)
     # KHR_texture_basisu wants unspecified primaries for anything but colours.
@@ -244,7 +245,7 @@ def _is(made: GpuFormat, vk_format: int, model: int, transfer: int, channel: int
     """Whether a file is of a format; those without a number of Vulkan's are told by their descriptor."""
     if vk_format or made.vulkan:
         return made.vulkan == vk_format
-    return (made.model, made.srgb, made.samples[0].channel) == (model, transfer == _SRGB, channel)
+    return (made.model, made.srgb, made.held[0]) == (model, transfer == _SRGB, channel)
 
 
 def _zstandard() -> ModuleType:

@@ -131,13 +131,9 @@ def _material(document: Document, tracer: Tracer, surface: _Surface, where: str,
     """What a surface says, before its files are looked for; InputError where it holds nothing to bake."""
     if isinstance(surface.shader, str):
         raise InputError(f"{where} cannot be read ({surface.shader}): expected a surface shader")
-    node, scope = surface.shader.node, surface.shader.scope
-    shader = SHADERS.get(node.tag)
-    if shader is None:
-        raise InputError(f"{where} is made of {node.tag}: expected one of {', '.join(SHADERS)}")
     log = Log(list(document.notes))
-    options = read_roles(tracer, node, scope, shader, surface.displacement, where, log)
-    name = unique_name(surface.name or node.get("name", ""), "material", taken)
+    options = read_roles(tracer, surface.shader, surface.displacement, where, log)
+    name = unique_name(surface.name or surface.shader.node.get("name", ""), "material", taken)
     udim = any(is_pattern(path) for path in _paths(options))
     return MtlxMaterial(name, replace(options, name=name), (), udim, tuple(log.notes), tuple(log.warnings))
 

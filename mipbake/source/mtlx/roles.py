@@ -10,7 +10,7 @@ from mipbake.base.colour import LINEAR, SRGB, canonical_colour_space
 from mipbake.base.errors import InputError, UsageError
 from mipbake.source.images.colours import RAW, spelt_space
 from mipbake.source.mtlx.document import Element, Link, Scope, UnreadError
-from mipbake.source.mtlx.shaders import Shader
+from mipbake.source.mtlx.shaders import SHADERS, Shader
 from mipbake.source.mtlx.trace import Channel, Signal, Texture, Tracer
 from mipbake.source.options import COLOUR_ROLES, ROLES, SHADING_ROLES, LoadOptions, MapChoice
 from mipbake.source.sources import Log, spoken
@@ -186,13 +186,14 @@ class _Roles:
             self.log.notes.append(f"{texture.path.name}: {spoken(role)} is left out, {why}")
 
 
-def read_roles(
-    tracer: Tracer, node: Element, scope: Scope, shader: Shader, displaced: Link | str, where: str, log: Log
-) -> LoadOptions:
+def read_roles(tracer: Tracer, surface: Link, displaced: Link | str, where: str, log: Log) -> LoadOptions:
     """What fills every role of a material; InputError where neither normal nor roughness comes from a file, or the
-    shader is used in a way that is not read. `displaced`: the node that displaces the surface; a text for none.
-    `where`: document and material, for errors."""
-    roles = _Roles(tracer, node, scope, shader, displaced, log)
+    shader is not known, or is used in a way that is not read. `surface`: the shader's node. `displaced`: the node that
+    displaces the surface; a text for none. `where`: document and material, for errors."""
+    shader = SHADERS.get(surface.node.tag)
+    if shader is None:
+        raise InputError(f"{where} is made of {surface.node.tag}: expected one of {', '.join(SHADERS)}")
+    roles = _Roles(tracer, surface.node, surface.scope, shader, displaced, log)
     if roles.number("useSpecularWorkflow", 0):
         raise InputError(
             f"{where} uses the specular workflow: expected metallic, export it with metallic and roughness"
