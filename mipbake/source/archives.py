@@ -52,22 +52,13 @@ class Shelf:
     """The archives of one run, below a folder. One of them at a time is unpacked, the one that was used last."""
 
     folder: Path
-    _unpacked: Path | None = None
+    unpacked: Path | None = None
 
     def archive(self, path: Path, place: str) -> Archive:
         """An archive that is unpacked, when it is used, into the folder `place`, which names its set as its file does.
         InputError as `_checked_members` has it."""
         members = tuple(_checked_members(path))
         return Archive(path, self.folder / place / safe_name(path.stem, "archive"), members, self)
-
-    def hold(self, archive: Archive) -> None:
-        """Unpacks it where it is not there, in the place of the one before."""
-        if self._unpacked != archive.folder:
-            if self._unpacked is not None:
-                shutil.rmtree(self._unpacked, ignore_errors=True)
-            self._unpacked = None
-            _unpack(archive.path, archive.members, archive.folder)
-            self._unpacked = archive.folder
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,8 +71,15 @@ class Archive:
     shelf: Shelf
 
     def using(self, read: Callable[[], _T]) -> _T:
-        """What is read while the archive is unpacked; errors name the archive in place of the folder."""
-        self.shelf.hold(self)
+        """What is read while the archive is unpacked, in the place of the one before; errors name the archive in place
+        of the folder."""
+        shelf = self.shelf
+        if shelf.unpacked != self.folder:
+            if shelf.unpacked is not None:
+                shutil.rmtree(shelf.unpacked, ignore_errors=True)
+            shelf.unpacked = None
+            _unpack(self.path, self.members, self.folder)
+            shelf.unpacked = self.folder
         with self.naming():
             return read()
 

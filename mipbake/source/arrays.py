@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mipbake.base.errors import InputError
-from mipbake.source.decode import RANGES, unit_directions
-from mipbake.source.normal import normalised
+from mipbake.source.decode import RANGES, unit_vectors
 from mipbake.source.options import COLOUR_ROLES
 
 
@@ -35,19 +34,15 @@ def checked_array(role: str, value: ArrayLike | float) -> NDArray[np.float32]:
         raise InputError(
             f"{role} runs from {values.min():g} to {values.max():g}: expected values from {low:g} to {high:g}"
         )
-    if role == "normal":
-        if array[..., 2].min() < 0:
-            raise InputError("normal points into the surface: expected signed vectors with z at least 0")
-        array = normalised(array)
-    elif role == "anisotropy":
-        array[..., :2] = unit_directions(array[..., :2])
-    return np.ascontiguousarray(array)
+    if role == "normal" and array[..., 2].min() < 0:
+        raise InputError("normal points into the surface: expected signed vectors with z at least 0")
+    return np.ascontiguousarray(unit_vectors(array, role))
 
 
 def _check_encoding(role: str, array: NDArray[np.float32], dtype: np.dtype[Any]) -> None:
     """InputError for values as files store them: integers that stand for 0 to 1, vectors moved into 0 to 1."""
     if role in ("normal", "anisotropy"):
-        vectors = array[..., :3] if role == "normal" else array[..., :2]
+        vectors = array if role == "normal" else array[..., :2]
         for top in (1, 255, 65535):  # the largest encoded value: of floats, of 8 bits and of 16 bits
             if vectors.min() >= 0 and vectors.max() <= top and _are_unit(2 * vectors / np.float32(top) - 1):
                 if _are_unit(vectors):

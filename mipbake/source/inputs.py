@@ -75,11 +75,10 @@ def _listed(file: Path) -> list[Path]:
     standard = str(file) == STDIN
     name, folder = ("of the standard input", Path()) if standard else (str(file), file.parent)
     try:
-        text = (
-            sys.stdin.buffer.read().decode("utf-8-sig")
-            if standard
-            else disk.read_text_or_pipe(file, "a text file of paths")
-        )
+        if standard:
+            text = sys.stdin.buffer.read().decode("utf-8-sig")
+        else:
+            text = disk.read_text_or_pipe(file, "a text file of paths")
     except UnicodeDecodeError as error:
         raise InputError(f"the list {name} is not UTF-8 text: expected one path on each line") from error
     entries = [entry for line in text.splitlines() if (entry := line.strip()) and not entry.startswith("#")]

@@ -226,8 +226,7 @@ def _tiled(path: Path, files: Sequence[Path], options: LoadOptions) -> Sequence[
     if not sets:
         return _groups(path, files, options, found)
     of_tiles = [file for several in found.values() for file in several]
-    groups = partial(_groups, path)
-    return _several(path, of_tiles, sets, options, lambda own, asked, _: groups(own, asked, tiles_of(own)))
+    return _several(path, of_tiles, sets, options, lambda own, asked, _: _groups(path, own, asked, tiles_of(own)))
 
 
 def _groups(path: Path, files: Sequence[Path], options: LoadOptions, found: Mapping[int, Sequence[Path]]) -> list[Job]:

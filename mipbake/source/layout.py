@@ -164,10 +164,9 @@ def channels_of(model: str, name: str) -> slice:
 def extra_layout(role: str, channels: int) -> MapLayout:
     """The layout of a map that does not shade, of that many channels."""
     encoding = COLOUR if role in COLOUR_ROLES else UNIT
-    meanings = (
-        (role,) if channels == 1 else material.rgb(role) if channels == 3 else tuple(f"{role}, {c}" for c in "RGBA")
-    )
-    return MapLayout(role, slice(0, channels), (encoding,) * channels, meanings[:channels], shades=False)
+    letters = tuple(f"{role}, {c}" for c in "RGBA"[:channels])
+    meanings = {1: (role,), 3: material.rgb(role)}.get(channels, letters)
+    return MapLayout(role, slice(0, channels), (encoding,) * channels, meanings, shades=False)
 
 
 def to_file(texels: NDArray[np.floating], encodings: Sequence[str], srgb: bool) -> NDArray[np.float64]:

@@ -8,7 +8,6 @@ variance of slopes make the pixel as rough as can be, and dark. Such a texel say
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -54,24 +53,19 @@ def decode_normals(pixels: NDArray[np.generic], path: Path) -> tuple[Vectors, Le
     signed = pixels.dtype.kind == "f" and _is_signed(stored)
     if signed:
         notes.append("stores signed components")
-
-    def vectors_of(some: NDArray[np.generic]) -> Vectors:
-        values = unit_range(some)
-        return values if signed else values * np.float32(2) - np.float32(1)
-
     out = memory.empty((*pixels.shape[:2], 3))
     blocks = list(memory.some_rows(pixels, _AT_ONCE))
     length: Lengths | None = None
-    if stored.shape[-1] == 2 or _has_constant_blue(stored, vectors_of):
+    if stored.shape[-1] == 2 or _has_constant_blue(stored, signed):
         notes.append("holds x and y only: z is reconstructed")
         for some in blocks:
-            out[some] = _with_z(vectors_of(stored[some])[..., :2])
+            out[some] = _with_z(_vectors(stored[some], signed)[..., :2])
         _check_looks_like_normals(_sampled(out), out, path)
     else:
-        _check_looks_like_normals(vectors_of(_sampled(stored)), stored, path)
+        _check_looks_like_normals(_vectors(_sampled(stored), signed), stored, path)
         length = memory.empty(pixels.shape[:2])
         for some in blocks:
-            xyz = vectors_of(stored[some])
+            xyz = _vectors(stored[some], signed)
             of = np.sqrt(np.einsum("hwc,hwc->hw", xyz, xyz))
             out[some] = normalised(xyz, of)
             np.minimum(of, 1, out=length[some])
@@ -197,11 +191,14 @@ def _is_signed(stored: NDArray[np.generic]) -> bool:
     return bool(texels[:, :2].min() < -0.01 or np.abs(texels[:, :2].mean(0)).max() < 0.25)
 
 
-def _has_constant_blue(
-    stored: NDArray[np.generic], vectors_of: Callable[[NDArray[np.generic]], NDArray[np.float32]]
-) -> bool:
+def _vectors(stored: NDArray[np.generic], signed: bool) -> Vectors:
+    values = unit_range(stored)
+    return values if signed else values * np.float32(2) - np.float32(1)
+
+
+def _has_constant_blue(stored: NDArray[np.generic], signed: bool) -> bool:
     """Blue the same everywhere while red or green vary: 0 and 1 are what two-channel formats decode to."""
-    blue = float(vectors_of(stored[0, 0])[2])
+    blue = float(_vectors(stored[0, 0], signed)[2])
     texels = _sampled(stored)
     if blue not in (-1.0, 0.0, 1.0) or np.ptp(texels[:, 2]) > 0:
         return False

@@ -23,12 +23,9 @@ def opacity_of(texture_set: TextureSet) -> Image | None:
     """(H, W) opacity of a set at the size of its maps that shade; None where it hides nothing."""
     if "opacity" not in texture_set.maps or texture_set.maps["opacity"].pixels.min() >= 1:
         return None
+    opacity, wrap = texture_set.maps["opacity"].pixels, texture_set.wrap
     size = (texture_set.height, texture_set.width)
-    return _at_size(texture_set.maps["opacity"].pixels, size, texture_set.wrap)
-
-
-def _at_size(opacity: Image, size: tuple[int, int], wrap: Wrap) -> Image:
-    """(H, W) of (h, w, 1): interpolated where it is smaller along a side, averaged where it is larger."""
+    # Interpolated where it is smaller along a side, averaged where it is larger.
     height, width = (max(a, b) for a, b in zip(size, opacity.shape[:2], strict=True))
     resized = np.ascontiguousarray(upsample(opacity, width, height, wrap))
     return resample(resized, size, "box", wrap)[..., 0] if (height, width) != size else resized[..., 0]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from mipbake.base.errors import InputError, OutputError
 
@@ -15,23 +14,13 @@ _JSON, _BIN = b"JSON", b"BIN\0"
 _MOST = 0xFFFFFFFF
 
 
-@dataclass(frozen=True, eq=False)
-class Chunks:
-    """What a GLB holds.
+def unpacked(data: bytes, name: str) -> tuple[bytes, bytes | None, tuple[tuple[bytes, bytes], ...]]:
+    """The chunks of a GLB; InputError, which calls it `name`, where it is cut short or its lengths contradict it.
 
-    Args:
-        text: the JSON, without the padding.
-        binary: the BIN chunk; None where there is none.
-        others: type and data of the chunks after those, which readers must pass over.
+    Returns:
+        The JSON, without the padding; the BIN chunk, None where there is none; type and data of the chunks after those,
+        which readers must pass over.
     """
-
-    text: bytes
-    binary: bytes | None
-    others: tuple[tuple[bytes, bytes], ...] = ()
-
-
-def unpacked(data: bytes, name: str) -> Chunks:
-    """The chunks of a GLB; InputError, which calls it `name`, where it is cut short or its lengths contradict it."""
     if len(data) < _HEADER.size:
         raise InputError(f"{name} is cut short after {len(data)} bytes: export or download it again")
     _, version, length = _HEADER.unpack_from(data)
@@ -58,7 +47,7 @@ def unpacked(data: bytes, name: str) -> Chunks:
         raise InputError(f"{name} is a GLB whose first chunk is not JSON: it is broken, export or download it again")
     rest = found[1:]
     binary = rest.pop(0)[1] if rest and rest[0][0] == _BIN else None
-    return Chunks(found[0][1].rstrip(b" "), binary, tuple(rest))
+    return found[0][1].rstrip(b" "), binary, tuple(rest)
 
 
 def packed(text: bytes, binary: bytes, others: Sequence[tuple[bytes, bytes]] = ()) -> bytes:

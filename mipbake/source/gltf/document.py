@@ -78,14 +78,14 @@ def read_document(path: Path) -> Document:
     if not data:
         raise InputError(f"{path} is empty (0 bytes): export or download it again")
     if data.startswith(container.MAGIC):
-        chunks = container.unpacked(data, str(path))
+        text, binary, others = container.unpacked(data, str(path))
     elif data.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{"):
-        chunks = container.Chunks(data, None)
+        text, binary, others = data, None, ()
     else:
         raise InputError(f"{path} is not a glTF file: expected JSON, or a GLB that begins with glTF")
-    parsed = _parsed(path, chunks.text)
-    buffers = tuple(_buffer(path, i, b, chunks.binary) for i, b in enumerate(parsed.get("buffers", [])))
-    document = Document(path, parsed, buffers, chunks.others)
+    parsed = _parsed(path, text)
+    buffers = tuple(_buffer(path, i, b, binary) for i, b in enumerate(parsed.get("buffers", [])))
+    document = Document(path, parsed, buffers, others)
     _check_references(document)
     return document
 

@@ -34,7 +34,7 @@ class GpuFormat:
     Args:
         name: the name in Vulkan, without its prefix.
         vulkan, dxgi: VkFormat and DXGI_FORMAT; 0 where there is none, since it is transcoded before it is sampled.
-        unit: bytes in which endianness matters.
+        is_float: whether texels are half-float numbers; else they are 8-bit integers, before they are compressed.
         model: colour model of the descriptor. held: channels of its samples, which share the bits of a block evenly.
         side: texels of a block's side. block: bytes of a block.
         srgb: whether colours are sRGB-encoded.
@@ -43,7 +43,7 @@ class GpuFormat:
     name: str
     vulkan: int
     dxgi: int
-    unit: int
+    is_float: bool
     model: int
     side: int
     block: int
@@ -60,11 +60,6 @@ class GpuFormat:
         if self.srgb and _ALPHA in flags:
             flags[_ALPHA] |= _LINEAR_ALPHA
         return tuple((i * bits, bits, channel | flags[channel], low, high) for i, channel in enumerate(self.held))
-
-    @property
-    def is_float(self) -> bool:
-        """Whether texels are half-float numbers; else they are 8-bit integers, before they are compressed."""
-        return self.unit == 2
 
     @property
     def channels(self) -> int:
@@ -86,46 +81,46 @@ class GpuFormat:
 
 
 _ALL = (
-    GpuFormat("R8_UNORM", 9, 61, 1, _RGBSDA, 1, 1, False, _RGBA[:1]),
-    GpuFormat("R8G8_UNORM", 16, 49, 1, _RGBSDA, 1, 2, False, _RGBA[:2]),
-    GpuFormat("R8G8B8A8_UNORM", 37, 28, 1, _RGBSDA, 1, 4, False, _RGBA),
-    GpuFormat("R8G8B8A8_SRGB", 43, 29, 1, _RGBSDA, 1, 4, True, _RGBA),
-    GpuFormat("R16_SFLOAT", 76, 54, 2, _RGBSDA, 1, 2, False, _RGBA[:1]),
-    GpuFormat("R16G16_SFLOAT", 83, 34, 2, _RGBSDA, 1, 4, False, _RGBA[:2]),
-    GpuFormat("R16G16B16A16_SFLOAT", 97, 10, 2, _RGBSDA, 1, 8, False, _RGBA),
-    GpuFormat("BC1_RGB_UNORM_BLOCK", 131, 71, 1, _BC1, 4, 8, False, (0,)),
-    GpuFormat("BC1_RGB_SRGB_BLOCK", 132, 72, 1, _BC1, 4, 8, True, (0,)),
-    GpuFormat("BC4_UNORM_BLOCK", 139, 80, 1, _BC4, 4, 8, False, (0,)),
-    GpuFormat("BC5_UNORM_BLOCK", 141, 83, 1, _BC5, 4, 16, False, _RGBA[:2]),
-    GpuFormat("BC7_UNORM_BLOCK", 145, 98, 1, _BC7, 4, 16, False, (0,)),
-    GpuFormat("BC7_SRGB_BLOCK", 146, 99, 1, _BC7, 4, 16, True, (0,)),
-    GpuFormat("UASTC_RG_UNORM_BLOCK", 0, 0, 1, _UASTC, 4, 16, False, (_UASTC_RG,)),
-    GpuFormat("UASTC_RGB_UNORM_BLOCK", 0, 0, 1, _UASTC, 4, 16, False, (_UASTC_RGB,)),
-    GpuFormat("UASTC_RGBA_UNORM_BLOCK", 0, 0, 1, _UASTC, 4, 16, False, (_UASTC_RGBA,)),
-    GpuFormat("UASTC_RGB_SRGB_BLOCK", 0, 0, 1, _UASTC, 4, 16, True, (_UASTC_RGB,)),
-    GpuFormat("UASTC_RGBA_SRGB_BLOCK", 0, 0, 1, _UASTC, 4, 16, True, (_UASTC_RGBA,)),
+    GpuFormat("R8_UNORM", 9, 61, False, _RGBSDA, 1, 1, False, _RGBA[:1]),
+    GpuFormat("R8G8_UNORM", 16, 49, False, _RGBSDA, 1, 2, False, _RGBA[:2]),
+    GpuFormat("R8G8B8A8_UNORM", 37, 28, False, _RGBSDA, 1, 4, False, _RGBA),
+    GpuFormat("R8G8B8A8_SRGB", 43, 29, False, _RGBSDA, 1, 4, True, _RGBA),
+    GpuFormat("R16_SFLOAT", 76, 54, True, _RGBSDA, 1, 2, False, _RGBA[:1]),
+    GpuFormat("R16G16_SFLOAT", 83, 34, True, _RGBSDA, 1, 4, False, _RGBA[:2]),
+    GpuFormat("R16G16B16A16_SFLOAT", 97, 10, True, _RGBSDA, 1, 8, False, _RGBA),
+    GpuFormat("BC1_RGB_UNORM_BLOCK", 131, 71, False, _BC1, 4, 8, False, (0,)),
+    GpuFormat("BC1_RGB_SRGB_BLOCK", 132, 72, False, _BC1, 4, 8, True, (0,)),
+    GpuFormat("BC4_UNORM_BLOCK", 139, 80, False, _BC4, 4, 8, False, (0,)),
+    GpuFormat("BC5_UNORM_BLOCK", 141, 83, False, _BC5, 4, 16, False, _RGBA[:2]),
+    GpuFormat("BC7_UNORM_BLOCK", 145, 98, False, _BC7, 4, 16, False, (0,)),
+    GpuFormat("BC7_SRGB_BLOCK", 146, 99, False, _BC7, 4, 16, True, (0,)),
+    GpuFormat("UASTC_RG_UNORM_BLOCK", 0, 0, False, _UASTC, 4, 16, False, (_UASTC_RG,)),
+    GpuFormat("UASTC_RGB_UNORM_BLOCK", 0, 0, False, _UASTC, 4, 16, False, (_UASTC_RGB,)),
+    GpuFormat("UASTC_RGBA_UNORM_BLOCK", 0, 0, False, _UASTC, 4, 16, False, (_UASTC_RGBA,)),
+    GpuFormat("UASTC_RGB_SRGB_BLOCK", 0, 0, False, _UASTC, 4, 16, True, (_UASTC_RGB,)),
+    GpuFormat("UASTC_RGBA_SRGB_BLOCK", 0, 0, False, _UASTC, 4, 16, True, (_UASTC_RGBA,)),
 )
 
 GPU_FORMATS: Mapping[str, GpuFormat] = {each.name: each for each in _ALL}
 """The formats that are written, by name."""
 
 _ONLY_READ = (
-    GpuFormat("R8_SRGB", 15, 0, 1, _RGBSDA, 1, 1, True, _RGBA[:1]),
-    GpuFormat("R8G8_SRGB", 22, 0, 1, _RGBSDA, 1, 2, True, _RGBA[:2]),
-    GpuFormat("R8G8B8_UNORM", 23, 0, 1, _RGBSDA, 1, 3, False, _RGBA[:3]),
-    GpuFormat("R8G8B8_SRGB", 29, 0, 1, _RGBSDA, 1, 3, True, _RGBA[:3]),
-    GpuFormat("R16G16B16_SFLOAT", 90, 0, 2, _RGBSDA, 1, 6, False, _RGBA[:3]),
-    GpuFormat("BC1_RGBA_UNORM_BLOCK", 133, 71, 1, _BC1, 4, 8, False, (_BC1_ALPHA,)),
-    GpuFormat("BC1_RGBA_SRGB_BLOCK", 134, 72, 1, _BC1, 4, 8, True, (_BC1_ALPHA,)),
-    GpuFormat("BC2_UNORM_BLOCK", 135, 74, 1, _BC2, 4, 16, False, (0,)),
-    GpuFormat("BC2_SRGB_BLOCK", 136, 75, 1, _BC2, 4, 16, True, (0,)),
-    GpuFormat("BC3_UNORM_BLOCK", 137, 77, 1, _BC3, 4, 16, False, (0,)),
-    GpuFormat("BC3_SRGB_BLOCK", 138, 78, 1, _BC3, 4, 16, True, (0,)),
-    GpuFormat("UASTC_RRR_UNORM_BLOCK", 0, 0, 1, _UASTC, 4, 16, False, (_UASTC_RRR,)),
-    GpuFormat("UASTC_RRR_SRGB_BLOCK", 0, 0, 1, _UASTC, 4, 16, True, (_UASTC_RRR,)),
-    GpuFormat("UASTC_RRRG_UNORM_BLOCK", 0, 0, 1, _UASTC, 4, 16, False, (_UASTC_RRRG,)),
-    GpuFormat("UASTC_RRRG_SRGB_BLOCK", 0, 0, 1, _UASTC, 4, 16, True, (_UASTC_RRRG,)),
-    GpuFormat("UASTC_RG_SRGB_BLOCK", 0, 0, 1, _UASTC, 4, 16, True, (_UASTC_RG,)),
+    GpuFormat("R8_SRGB", 15, 0, False, _RGBSDA, 1, 1, True, _RGBA[:1]),
+    GpuFormat("R8G8_SRGB", 22, 0, False, _RGBSDA, 1, 2, True, _RGBA[:2]),
+    GpuFormat("R8G8B8_UNORM", 23, 0, False, _RGBSDA, 1, 3, False, _RGBA[:3]),
+    GpuFormat("R8G8B8_SRGB", 29, 0, False, _RGBSDA, 1, 3, True, _RGBA[:3]),
+    GpuFormat("R16G16B16_SFLOAT", 90, 0, True, _RGBSDA, 1, 6, False, _RGBA[:3]),
+    GpuFormat("BC1_RGBA_UNORM_BLOCK", 133, 71, False, _BC1, 4, 8, False, (_BC1_ALPHA,)),
+    GpuFormat("BC1_RGBA_SRGB_BLOCK", 134, 72, False, _BC1, 4, 8, True, (_BC1_ALPHA,)),
+    GpuFormat("BC2_UNORM_BLOCK", 135, 74, False, _BC2, 4, 16, False, (0,)),
+    GpuFormat("BC2_SRGB_BLOCK", 136, 75, False, _BC2, 4, 16, True, (0,)),
+    GpuFormat("BC3_UNORM_BLOCK", 137, 77, False, _BC3, 4, 16, False, (0,)),
+    GpuFormat("BC3_SRGB_BLOCK", 138, 78, False, _BC3, 4, 16, True, (0,)),
+    GpuFormat("UASTC_RRR_UNORM_BLOCK", 0, 0, False, _UASTC, 4, 16, False, (_UASTC_RRR,)),
+    GpuFormat("UASTC_RRR_SRGB_BLOCK", 0, 0, False, _UASTC, 4, 16, True, (_UASTC_RRR,)),
+    GpuFormat("UASTC_RRRG_UNORM_BLOCK", 0, 0, False, _UASTC, 4, 16, False, (_UASTC_RRRG,)),
+    GpuFormat("UASTC_RRRG_SRGB_BLOCK", 0, 0, False, _UASTC, 4, 16, True, (_UASTC_RRRG,)),
+    GpuFormat("UASTC_RG_SRGB_BLOCK", 0, 0, False, _UASTC, 4, 16, True, (_UASTC_RG,)),
 )
 
 READ_FORMATS: Mapping[str, GpuFormat] = {**GPU_FORMATS} | {each.name: each for each in _ONLY_READ}

@@ -58,7 +58,8 @@ def encoded(texture: GpuTexture, supercompress: bool) -> bytes:
         places[index] = place + padding
         place += padding + len(stored[index])
     scheme = ZSTANDARD if supercompress else NONE
-    header = _HEADER.pack(made.vulkan, made.unit, texture.width, texture.height, 0, 0, 1, len(levels), scheme)
+    unit = 2 if made.is_float else 1  # bytes in which endianness matters
+    header = _HEADER.pack(made.vulkan, unit, texture.width, texture.height, 0, 0, 1, len(levels), scheme)
     index_ = _INDEX.pack(descriptor_at, len(descriptor), values_at if values else 0, len(values), 0, 0)
     table = b"".join(
         _LEVEL.pack(at, len(packed), len(level)) for at, packed, level in zip(places, stored, levels, strict=True)
