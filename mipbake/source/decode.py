@@ -178,7 +178,7 @@ def _normals(source: MapSource, image: Image, log: Log) -> Pixels:
     log.notes += notes
     vectors, broken = held(decoded, length)
     if broken:
-        log.warnings.append(holes_warning(broken, vectors.shape[0] * vectors.shape[1]))
+        log.warnings.append(holes_warning(broken, vectors))
     mean = 1.0 if length is None else float(length.mean(dtype=np.float64))
     if mean < SHORT_LENGTH:
         log.warnings.append(

@@ -86,7 +86,6 @@ def is_textures(folder: Path) -> bool:
 
 def classified(files: Sequence[Path], options: LoadOptions) -> tuple[dict[str, list[Match]], list[IgnoredFile]]:
     """Matches for every role except the roles that options decide, and the files that match no role."""
-    decided = options.maps
     matches: dict[str, list[Match]] = {}
     images = [f for f in files if f.suffix.lower() in IMAGE_SUFFIXES]
     names = dict(zip(images, classify([f.stem for f in images]), strict=True))
@@ -94,7 +93,7 @@ def classified(files: Sequence[Path], options: LoadOptions) -> tuple[dict[str, l
     ignored = []
     for file in files:
         name = names.get(file)
-        meanings = [] if name is None else [m for m in name.meanings if m.role not in decided]
+        meanings = [] if name is None else [m for m in name.meanings if m.role not in options.maps]
         if file not in names:
             ignored.append(IgnoredFile(file, "not an image"))
         elif name is None:

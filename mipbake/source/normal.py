@@ -125,12 +125,12 @@ def held(normals: Vectors, length: Lengths | None = None) -> tuple[Vectors, int]
     return out, count
 
 
-def holes_warning(count: int, texels: int) -> str:
-    """The warning about broken normals, without what they are in."""
+def holes_warning(count: int, normals: Vectors) -> str:
+    """The warning that so many of (H, W, 3) normals are broken, without what they are in."""
     they = "it takes" if count == 1 else "they take"
     return (
-        f"{count} of {texels} normals along the surface, into it or without length (z below {MIN_NORMAL_Z:g}): {they} "
-        "the mean of those around; repair the map if that is too many"
+        f"{count} of {normals[..., 0].size} normals along the surface, into it or without length (z below "
+        f"{MIN_NORMAL_Z:g}): {they} the mean of those around; repair the map if that is too many"
     )
 
 

@@ -52,11 +52,9 @@ def covering(
     """Baked levels (H_L, W_L, C) whose base colours count by their opacity; see `premultiplied`. `stored`: (H, W, C) of
     level 0 of the source, nothing in it hidden, base colours in the same channels."""
     made = premultiplied(stored[..., colours], opacity, [level[..., colours] for level in levels], pixel_filter, wrap)
-    out = []
-    for level, colour in zip(levels, made, strict=True):
-        changed = level.copy()
-        changed[..., colours] = colour
-        out.append(changed)
+    out = [level.copy() for level in levels]
+    for level, colour in zip(out, made, strict=True):
+        level[..., colours] = colour
     return out
 
 

@@ -161,8 +161,7 @@ class TextureSet:
         }
         arrays = {role: checked_array(role, value) for role, value in given.items() if value is not None}
         arrays["normal"], broken = held(arrays["normal"])
-        texels = arrays["normal"].shape[0] * arrays["normal"].shape[1]
-        warnings = (f"normal: {holes_warning(broken, texels)}",) if broken else ()
+        warnings = (f"normal: {holes_warning(broken, arrays['normal'])}",) if broken else ()
         shading = [a for role, a in arrays.items() if role in SHADING_ROLES]
         rows, columns = max((a.shape[:2] for a in shading), key=lambda s: s[0] * s[1])
         maps, digest = {}, hashlib.sha256(repr(wrap).encode())
@@ -186,8 +185,7 @@ def read(found: Found, options: LoadOptions) -> TextureSet:
     turn_vectors(some, normal.orientation)  # green down then looks like red to the left, or like green down
     convention = found.normal_convention
     if normal.path is not None:
-        flat = is_constant(decoded["normal"].pixels)
-        convention = _decided(convention, normal.path.name, some, flat, log)
+        convention = _decided(convention, normal.path.name, some, is_constant(decoded["normal"].pixels), log)
     log.warnings += warnings
     maps: dict[str, TextureMap] = {}
     for role in found.maps:

@@ -63,14 +63,12 @@ def islands(tiles: Iterable[int]) -> list[list[int]]:
     """Tile numbers in groups that touch, corners included: tiles that lie apart need no mosaic in common."""
     left, groups = set(tiles), []
     while left:
-        group, reached = [], [min(left)]
-        left.discard(reached[0])
-        while reached:
-            tile = reached.pop()
-            group.append(tile)
+        group = [min(left)]
+        left.remove(group[0])
+        for tile in group:  # which grows meanwhile
             near = _neighbours(tile, left)
             left.difference_update(near)
-            reached += near
+            group += near
         groups.append(sorted(group))
     return groups
 

@@ -67,20 +67,6 @@ class _Given:
         return slots, self.factors[:3], self.factors[4:], self.with_alpha
 
 
-@dataclass(frozen=True, eq=False)
-class _Made:
-    """A material in metallic and roughness.
-
-    Args:
-        files: slot to PNG, of what is not the same everywhere.
-        members: of pbrMetallicRoughness beside them.
-    """
-
-    files: Mapping[str, bytes]
-    members: Json
-    loss: Loss
-
-
 def without_specular_glossiness(document: Document, folder: Path) -> Converted:
     """The document with its materials of specular and glossiness converted to metallic-roughness, every factor baked in
     except the factor of alpha. A metallic-roughness material that lay beside, for readers without the extension, is
@@ -96,7 +82,7 @@ def without_specular_glossiness(document: Document, folder: Path) -> Converted:
     notes: dict[str, list[str]] = {}
     warnings: dict[str, list[str]] = {}
     errors: dict[str, list[str]] = {}
-    known: dict[tuple[Any, ...], _Made] = {}
+    known: dict[tuple[Any, ...], tuple[Mapping[str, bytes], Json, Loss]] = {}
     made: Json = copy.deepcopy(document.json)
     wants: list[Want] = []
     for index, material in wanted:
@@ -113,8 +99,8 @@ def without_specular_glossiness(document: Document, folder: Path) -> Converted:
         except InputError as error:
             errors.setdefault(error.full, []).append(where)
         else:
-            wants += _rewrite(material, made["materials"][index], given, known[key])
-            loss = known[key].loss
+            files, members, loss = known[key]
+            wants += _rewrite(material, made["materials"][index], given, files, members)
             said = "converted from specular and glossiness to metallic-roughness"
             if loss.lossless:
                 notes.setdefault(f"{said}, which holds every texel to within 0.01", []).append(where)
@@ -150,7 +136,9 @@ def _given(document: Document, material: Json, images: Images, where: str) -> _G
     return _Given(diffuse, packed, tuple(factors), with_alpha)
 
 
-def _converted(given: _Given, images: Images) -> _Made:
+def _converted(given: _Given, images: Images) -> tuple[Mapping[str, bytes], Json, Loss]:
+    """A material in metallic and roughness: slot to PNG, of what is not the same everywhere; members of
+    pbrMetallicRoughness beside them; and what is lost."""
     read = [part for slot in (given.diffuse, given.packed) for part in _read(slot, images)]
     height, width = (max(part.shape[axis] for part in read) for axis in (0, 1))
     slot = given.diffuse or given.packed
@@ -171,7 +159,7 @@ def _converted(given: _Given, images: Images) -> _Made:
     else:
         constants = {"metallicFactor": metallic, "roughnessFactor": roughness}
         members |= {name: round(float(values[0, 0, 0]), 6) for name, values in constants.items()}
-    return _Made(files, members, loss)
+    return files, members, loss
 
 
 def _read(slot: gltf.Slot | None, images: Images) -> tuple[Pixels, Pixels]:
@@ -186,22 +174,22 @@ def _is_constant(pixels: Pixels) -> bool:
     return float(np.ptp(pixels, (0, 1)).max()) <= _HALF_STEP
 
 
-def _rewrite(before: Json, material: Json, given: _Given, made: _Made) -> list[Want]:
+def _rewrite(before: Json, material: Json, given: _Given, files: Mapping[str, bytes], members: Json) -> list[Want]:
     """Changes a material; returns the textureInfos that are still to be given a texture."""
     held = before["extensions"][gltf.SPECULAR_GLOSSINESS]
     del material["extensions"][gltf.SPECULAR_GLOSSINESS]
     if not material["extensions"]:
         del material["extensions"]
-    pbr: Json = {**made.members, "baseColorFactor": [*made.members["baseColorFactor"], given.factors[3]]}
+    pbr: Json = {**members, "baseColorFactor": [*members["baseColorFactor"], given.factors[3]]}
     wants = []
     for name, slot in (
         (gltf.BASE_COLOUR, given.diffuse or given.packed),
         (gltf.METALLIC_ROUGHNESS, given.packed or given.diffuse),
     ):
-        if name in made.files and slot is not None:
+        if name in files and slot is not None:
             pbr[name] = {"index": -1, **gltf.surface_mapping(held[slot.name])}
             label = f"{before.get('name') or 'material'} {name.removesuffix('Texture')}"
-            wants.append(Want(pbr[name], slot.texture, slot.sampler, made.files[name], label))
+            wants.append(Want(pbr[name], slot.texture, slot.sampler, files[name], label))
     material["pbrMetallicRoughness"] = pbr
     return wants
 

@@ -191,9 +191,7 @@ def read_document(path: Path, within: Path | None = None) -> Document:
     read = {disk.resolved(path)}
     for include in [e for e in root if e.tag == _INCLUDE]:
         at = list(root).index(include)
-        root.remove(include)
-        inside = _included(document, include.get("href", ""), read)
-        root[at:at] = inside
+        root[at : at + 1] = _included(document, include.get("href", ""), read)
     document.parents.update((child, parent) for parent in root.iter() for child in parent)
     return document
 

@@ -75,15 +75,21 @@ def read_materialx(path: str | os.PathLike[str], within: Path | None = None) -> 
     materials: list[MtlxMaterial] = []
     errors: list[str] = []
     skipped: list[str] = []
-    for surface in surfaces:
-        where = f"{document.path}: the material {surface.name}"
+    for given, shader, displaced in surfaces:
+        where, log = f"{document.path}: the material {given}", Log(list(document.notes))
+        if isinstance(shader, str):
+            skipped.append(f"{where} cannot be read ({shader}): expected a surface shader")
+            continue
         try:
-            found = _material(document, tracer, surface, where, taken)
+            options = read_roles(tracer, shader, displaced, where, log)
         except InputError as error:
             skipped.append(error.full)
             continue
+        name = unique_name(given or shader.node.get("name", ""), "material", taken)
+        udim = any(is_pattern(path) for path in _paths(options))
         try:
-            materials.append(replace(found, files=_files(found.options, where)))
+            about = (replace(options, name=name), _files(options, where), udim, tuple(log.notes), tuple(log.warnings))
+            materials.append(MtlxMaterial(name, *about))
         except InputError as error:
             errors.append(error.full)
     if not materials:
@@ -95,27 +101,19 @@ def read_materialx(path: str | os.PathLike[str], within: Path | None = None) -> 
     return MtlxMaterials(tuple(materials), tuple(errors))
 
 
-@dataclass(frozen=True)
-class _Surface:
-    """A material's name, its surface shader or why there is none, and the node that displaces it."""
-
-    name: str
-    shader: Link | str
-    displacement: Link | str = ""
-
-
-def _surfaces(document: Document) -> list[_Surface]:
-    """Every surfacematerial; where there is none, every shader that is known."""
+def _surfaces(document: Document) -> list[tuple[str, Link | str, Link | str]]:
+    """Every surfacematerial; where there is none, every shader that is known. Of each its name, its surface shader and
+    the node that displaces it, or why there is none."""
     found = []
     for container in (document.root, *document.root.iterfind("nodegraph")):
         if container.get("nodedef"):
             continue
         scope = document.scope if container is document.root else Scope(container, None, document.scope)
         for node in container.iterfind("surfacematerial"):
-            shaders = (_shader_of(document, node, name, scope) for name in ("surfaceshader", "displacementshader"))
-            found.append(_Surface(node.get("name", ""), *shaders))
+            shader = _shader_of(document, node, "surfaceshader", scope)
+            found.append((node.get("name", ""), shader, _shader_of(document, node, "displacementshader", scope)))
     alone = (node for node in document.root if node.tag in SHADERS)
-    return found or [_Surface(node.get("name", ""), Link(node, document.scope)) for node in alone]
+    return found or [(node.get("name", ""), Link(node, document.scope), "") for node in alone]
 
 
 def _shader_of(document: Document, node: Element, name: str, scope: Scope) -> Link | str:
@@ -125,17 +123,6 @@ def _shader_of(document: Document, node: Element, name: str, scope: Scope) -> Li
         return document.source_of(given) if isinstance(given, Link) else f"it has no {name}"
     except UnreadError as error:
         return f"it names {error}"
-
-
-def _material(document: Document, tracer: Tracer, surface: _Surface, where: str, taken: set[str]) -> MtlxMaterial:
-    """What a surface says, before its files are looked for; InputError where it holds nothing to bake."""
-    if isinstance(surface.shader, str):
-        raise InputError(f"{where} cannot be read ({surface.shader}): expected a surface shader")
-    log = Log(list(document.notes))
-    options = read_roles(tracer, surface.shader, surface.displacement, where, log)
-    name = unique_name(surface.name or surface.shader.node.get("name", ""), "material", taken)
-    udim = any(is_pattern(path) for path in _paths(options))
-    return MtlxMaterial(name, replace(options, name=name), (), udim, tuple(log.notes), tuple(log.warnings))
 
 
 def _files(options: LoadOptions, where: str) -> tuple[Path, ...]:

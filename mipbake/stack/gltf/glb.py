@@ -191,7 +191,8 @@ def check_file(path: Path, *sources: Path) -> None:
 def made_from(path: Path) -> Mapping[str, Any] | None:
     """What a GLB of a document says of how it was made; None for a file that mipbake did not make, or for none."""
     try:
-        content: Any = json_text.parsed(unpacked(path.read_bytes(), str(path)).text)
+        text, *_ = unpacked(path.read_bytes(), str(path))
+        content: Any = json_text.parsed(text)
         about = content["asset"]["extras"]["mipbake"]
     except (InputError, OSError, ValueError, KeyError, TypeError):
         return None
