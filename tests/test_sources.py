@@ -132,6 +132,8 @@ def test_tiles_of_several_sets_in_one_folder(tmp_path: Path, capsys) -> None:
     assert [result["name"] for result in results] == ["Body_1001", "Body_1002", "Head_1001", "Head_1002"]
     results = run(capsys, "inspect", tmp_path / "Head_BaseColor.<UDIM>.png")["results"]
     assert [Path(r["maps"]["normal"]["path"]).name[:4] for r in results] == ["Head", "Head"]
+    with pytest.raises(UsageError, match="holds 2 texture sets, Body, Head: leave the name out"):
+        next(mipbake.load_all(tmp_path, name="robot"))
 
 
 # ---- every command

@@ -193,9 +193,6 @@ def _folder(path: Path, files: Sequence[Path], options: LoadOptions) -> Sequence
     sets = divided(files, options)
     if not sets:
         return [Job(path, {0: files_of_set(tuple(files), options, str(path))})]
-    if options.name is not None:
-        names = listed(name or path.name for name in sets)
-        raise UsageError(f"{path} holds {len(sets)} texture sets, {names}: leave the name out")
     return _several(path, files, sets, options, lambda *own: [Job(path, {0: files_of_set(*own)})])
 
 
@@ -210,6 +207,8 @@ def _several(
     not keep others from it."""
     made: list[Job | Failure] = []
     names = [name or name_of(path) for name in sets]
+    if options.name is not None:
+        raise UsageError(f"{path} holds {len(sets)} texture sets, {listed(names)}: leave the name out")
     for name, own in zip(names, sets.values(), strict=True):
         asked = replace(options, name=safe_name(name, "texture_set"))
         made += _attempted(path, partial(jobs_of, own, asked, name))
