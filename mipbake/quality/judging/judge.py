@@ -121,7 +121,7 @@ class Judge:
         out = Slopes(log_errors, pooled, visible, groups)
         own = self._certain[index] * (self.weights.counts + self.weights.behind * late)
         for term, slope in zip(TERMS.values(), own, strict=True):
-            term.add_slope(out, slope)
+            getattr(out, term.array)[term.row] += slope
         return out
 
     def _apart(self, score: Score, index: int) -> Array:

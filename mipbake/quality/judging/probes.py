@@ -95,14 +95,9 @@ class Probe:
         return weighed(squares, self.weights)
 
     @cached_property
-    def noise_energies(self) -> Array:
-        """(S, G) of `noise`."""
-        return self.energies(self.noise)
-
-    @cached_property
-    def signal_energies(self) -> Array:
-        """(S, G) of `signal`."""
-        return self.energies(self.signal)
+    def reference_energies(self) -> Array:
+        """(2, S, G) of `noise` and of `signal`."""
+        return np.stack([self.energies(self.noise), self.energies(self.signal)])
 
 
 def probe(problem: Problem, region: Region, lod: float, effort: ProbeEffort, rng: np.random.Generator) -> Probe:

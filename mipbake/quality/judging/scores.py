@@ -75,10 +75,15 @@ class Errors:
     visible: VisibleError
 
     @property
+    def energies(self) -> Array:
+        """(3, S, G) of the errors, of the noise of the reference and of the signal."""
+        return np.stack([self.probe.energies(self.squares), *self.probe.reference_energies])
+
+    @property
     def score(self) -> Score:
         """Logarithms of the errors, group by group."""
-        probe, energies = self.probe, self.probe.energies(self.squares)
-        return Score(np.log(_relative(energies, probe)), _pseudo_values(energies, probe), self.visible.pseudo_values)
+        own, pooled = np.split(self.energies, [self.probe.groups], -1)
+        return Score(np.log(_relative(own)), _pseudo_values(pooled), self.visible.pseudo_values)
 
     def slopes(self, by_log: Array, by_pooled: Array) -> Array:
         """(S, G) derivatives by the energies of groups of what hangs on the score.
@@ -86,15 +91,15 @@ class Errors:
         Args:
             by_log: (S, G) its derivatives by log_errors. by_pooled: (2 S,) by the means of pooled.
         """
-        probe, energies = self.probe, self.probe.energies(self.squares)
-        own, signal = probe.groups, probe.signal_energies
-        at_least = _relative(energies, probe) * signal[:, :own]
-        out = np.empty_like(energies)
+        energies, own = self.energies, self.probe.groups
+        signal = energies[2]
+        at_least = _relative(energies[..., :own]) * signal[:, :own]
+        out = np.empty_like(signal)
         # Unlit pairs have no figure, so nothing to gain either.
         out[:, :own] = np.where(signal[:, :own] > UNLIT, by_log / np.maximum(at_least, 1e-20), 0.0)
         parts = np.split(signal[:, own:], KINDS, -1)
         total = np.concatenate([part.sum(1) for part in parts])
-        pooled = np.exp(_pseudo_values(energies, probe).mean(1)) * total
+        pooled = np.exp(_pseudo_values(energies[..., own:]).mean(1)) * total
         each = np.where(total > UNLIT, by_pooled / np.maximum(pooled, 1e-20), 0.0).reshape(KINDS, -1)
         out[:, own:] = np.repeat(each.T, parts[0].shape[1], 1)
         return out
@@ -213,25 +218,18 @@ def snr_text(snr: Array) -> str:
     return ", ".join(f"{name} {value:.1f} dB" for name, value in zip(PAIR_SETS, snr, strict=True))
 
 
-def _relative(energies: Array, probe: Probe) -> Array:
-    """(S, G') errors of groups of pair sets in units of their signal, of (S, G) energies; 1 where nothing is lit."""
-    error, noise, signal = (each[:, : probe.groups] for each in (energies, probe.noise_energies, probe.signal_energies))
+def _relative(energies: Array) -> Array:
+    """Errors in units of their signal, of (3, ...) energies as `Errors` has them; 1 where nothing is lit."""
+    error, noise, signal = energies
     ratio = np.maximum(error, 2 * _RESOLVED * noise) / np.maximum(signal, 1e-30)
     return np.where(signal > UNLIT, np.maximum(ratio, _FLOOR), 1.0)
 
 
-def _pseudo_values(energies: Array, probe: Probe) -> Array:
-    """(2 S, H) values of the logarithms of the pooled errors, as Score.pooled, of (S, G) energies of all groups."""
-
-    def log(parts: Array) -> Array:
-        """Logarithms from sums over groups: error, noise and signal (3, ...)."""
-        ratio = np.maximum(parts[0], 2 * _RESOLVED * parts[1]) / np.maximum(parts[2], 1e-30)
-        return np.where(parts[2] > UNLIT, np.log(np.maximum(ratio, _FLOOR)), 0.0)
-
-    every = energies, probe.noise_energies, probe.signal_energies
-    ours = np.stack([each[:, probe.groups :] for each in every])
-    parts = np.concatenate(np.split(ours, KINDS, -1), 1)  # (3, 2 S, H)
+def _pseudo_values(energies: Array) -> Array:
+    """(2 S, H) values of the logarithms of the pooled errors, as Score.pooled, of (3, S, G') energies of them."""
+    parts = np.concatenate(np.split(energies, KINDS, -1), 1)  # (3, 2 S, H)
     total, count = parts.sum(-1), parts.shape[-1]
-    values = count * log(total)[:, None] - (count - 1) * log(total[..., None] - parts)
+    whole = np.log(_relative(total))[:, None]
+    values = count * whole - (count - 1) * np.log(_relative(total[..., None] - parts))
     # Their own mean may fall while an error rises, where one group rules the others.
-    return np.asarray(values - values.mean(-1, keepdims=True) + log(total)[:, None])
+    return np.asarray(values - values.mean(-1, keepdims=True) + whole)

@@ -74,10 +74,6 @@ class Term:
         """What it counts of its weight, by the (N,) values of a baseline: less where chance decides them."""
         return 1.0 if self.array == LOG_ERRORS else float(certainty(baseline))
 
-    def add_slope(self, slopes: object, slope: float) -> None:
-        """Adds a derivative by the value to `Slopes`."""
-        getattr(slopes, self.array)[self.row] += slope
-
 
 def certainty(rows: Array) -> Array:
     """(...,) of rows (..., H) of pseudo-values: 1 for a mean that is known, 1/2 where its standard error is _UNSURE.

@@ -6,7 +6,6 @@ import math
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mipbake.base.errors import UsageError
 from mipbake.quality.metrics.cvvdp_package import cvvdp_package
@@ -55,12 +54,6 @@ def color_video_vdp(
         raise UsageError(
             f"the films have shape {r.shape}: expected (T, H, W, 3), at least 2 frames of {_LEAST_SIDE} pixels a side"
         )
-    return _quality(p, r, float(pixels_per_degree), float(frames_per_second))
-
-
-def _quality(
-    candidate: NDArray[np.floating], reference: NDArray[np.floating], pixels_per_degree: float, frames_per_second: float
-) -> float:
     package = cvvdp_package()
     import torch
 
@@ -69,14 +62,14 @@ def _quality(
     metric = package.cvvdp(
         display_name=DISPLAY,
         display_photometry=photometry,
-        display_geometry=package.vvdp_display_geometry(_RESOLUTION, ppd=pixels_per_degree),
+        display_geometry=package.vvdp_display_geometry(_RESOLUTION, ppd=float(pixels_per_degree)),
         config_paths=data,
         quiet=True,
         device=torch.device("cpu"),
     )
-    films = (torch.from_numpy(film if film.flags.writeable else film.copy()) for film in (candidate, reference))
+    films = (torch.from_numpy(film if film.flags.writeable else film.copy()) for film in (p, r))
     source = package.cvvdp_metric.video_source_array(
-        *films, frames_per_second, dim_order="FHWC", display_photometry=photometry, config_paths=data
+        *films, float(frames_per_second), dim_order="FHWC", display_photometry=photometry, config_paths=data
     )
     source.warning_shown = True  # it would warn of dark films, and set up the root logger of the program for that
     with torch.no_grad():

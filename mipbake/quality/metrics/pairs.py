@@ -129,23 +129,15 @@ def _stratified_mirror(rng: np.random.Generator, view: Array) -> Array:
     return _around_mirror(rng, view, inverse(_latin(rng, len(view), 3)))
 
 
-def _stratified_hemisphere(rng: np.random.Generator, view: Array) -> Array:
-    return _malley(*rng.permutation(grid_cells(rng, len(view))).T)
-
-
-def _hemisphere(rng: np.random.Generator, view: Array) -> Array:
-    return cosine_directions(rng, len(view))
-
-
 PAIR_SETS: Mapping[str, Callable[[np.random.Generator, Array], Array]] = {
     "near-mirror": near_mirror_lights,
-    "hemisphere": _hemisphere,
+    "hemisphere": lambda rng, view: cosine_directions(rng, len(view)),
 }
 """Name of each pair set and how it draws independent lights for given views; views are cosine-distributed."""
 
 _STRATIFIED: Mapping[str, Callable[[np.random.Generator, Array], Array]] = {
     "near-mirror": _stratified_mirror,
-    "hemisphere": _stratified_hemisphere,
+    "hemisphere": lambda rng, view: _malley(*rng.permutation(grid_cells(rng, len(view))).T),
 }
 
 

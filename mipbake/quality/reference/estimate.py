@@ -53,7 +53,7 @@ def estimate(
     for whole in _spans(Span(slice(0, groups), slice(0, count)), samples, _LOOKUPS):
         uv, weights = drawn.at(whole)
         texels = bilinear(source.stored, uv, source.wrap)
-        for span in _spans(whole, samples * lighting.lights, _RADIANCES):
+        for span in _spans(whole, samples * lighting.renders, _RADIANCES):
             rows, some = span.inside(whole)
             weight = None if weights is None else weights[rows, :, some]
             mean = _mean(source.model, lighting, texels[rows, :, some], weight, span)
@@ -86,7 +86,7 @@ def bilinear(level: Image, uv: NDArray[np.floating], wrap: Wrap) -> Image:
 def _mean(model: str, lighting: Illumination, texels: Image, weights: Image | None, span: Span) -> Image:
     """(R, K, n, 3) mean over the samples of (R, S, n, C) texels, with (R, S, n) weights."""
     rows, samples, count, _ = texels.shape
-    step = max(1, _RADIANCES // lighting.lights)
+    step = max(1, _RADIANCES // lighting.renders)
     total: Image | None = None
     for start in range(0, samples, step):
         some = slice(start, start + step)

@@ -33,11 +33,6 @@ class Illumination:
         """K, renders of a pixel in a group."""
         return 1
 
-    @property
-    def lights(self) -> int:
-        """Radiances that are held of a sample of a pixel in a group."""
-        return self.renders
-
     def shaded(self, model: str, texels: Image, span: Span) -> Image:
         """Radiance of (R, S, n, C) texels, S samples of n pixels in R groups: (R, K, S, 1, n, 3) or (R, 1, S, K, n, 3).
 
