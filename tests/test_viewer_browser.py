@@ -117,7 +117,7 @@ def lights_seen(view: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
     a, h = math.radians(view["lightAzimuth"]), math.radians(view["lightHeight"])
     lift = np.array([[1, 0, 0], [0, math.cos(h), math.sin(h)], [0, -math.sin(h), math.cos(h)]])
     turn = np.array([[math.cos(a), 0, math.sin(a)], [0, 1, 0], [-math.sin(a), 0, math.cos(a)]])
-    world = lights.directions @ (turn @ lift).T
+    world = lights.direction @ (turn @ lift).T
     return world @ np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]]).T, lights.radiance
 
 

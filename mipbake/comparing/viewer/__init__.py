@@ -21,6 +21,7 @@ from mipbake.comparing.viewer.packing import Texels, packed
 from mipbake.material import MODELS, Kind, model_named
 from mipbake.material.filtered_source import FilteredSource
 from mipbake.material.pixel_filter import filter_named
+from mipbake.quality.environment import Lighting
 from mipbake.source.layout import LAYOUTS, to_file
 from mipbake.stack.stack import MipStack
 
@@ -34,30 +35,27 @@ _SCRIPTS = ("shaders.js", "shapes.js", "unpacking.js", "renderer.js", "viewer.js
 _FILTER_BINS = 1024
 
 
+_HALF_WIDTH = 0.22  # of soft boxes, at distance 1
+
+
 @dataclass(frozen=True, eq=False)
-class LightSet:
-    """Directional lights, the same for every side.
+class LightSet(Lighting):
+    """Directional lights, the same for every side; a viewer is in front, at +z. K is 64 at most: what every device with
+    WebGL 2 has uniforms for.
 
     Args:
-        name: what the viewer calls it.
-        directions: (K, 3) unit vectors towards the lights, in the world: y up, a viewer in front at +z. K is 64 at
-            most: what every device with WebGL 2 has uniforms for.
-        radiance: (K, 3) linear, times the solid angle that each light stands for.
         height: degrees by which the viewer lifts +z of the set at first; 0 leaves the set as it is.
     """
 
-    name: str
-    directions: NDArray[np.float64]
-    radiance: NDArray[np.float64]
     height: float = 0.0
 
 
-def _soft_box(towards: ArrayLike, half_width: float, strength: float, colour: ArrayLike) -> tuple[Any, Any]:
-    """9 lights over a square around a direction; `half_width` at distance 1, `strength` the sum of their radiance."""
+def _soft_box(towards: ArrayLike, strength: float, colour: ArrayLike) -> tuple[Any, Any]:
+    """9 lights over a square around a direction; `strength` is the sum of their radiance."""
     centre = np.asarray(towards, np.float64) / np.linalg.norm(towards)
     right = np.cross([0.0, 1.0, 0.0], centre)
     right /= np.linalg.norm(right)
-    places = [centre + half_width * (x * right + y * np.cross(centre, right)) for y in (-1, 0, 1) for x in (-1, 0, 1)]
+    places = [centre + _HALF_WIDTH * (x * right + y * np.cross(centre, right)) for y in (-1, 0, 1) for x in (-1, 0, 1)]
     directions = np.stack([p / np.linalg.norm(p) for p in places])
     return directions, np.broadcast_to(np.asarray(colour, np.float64) * strength / 9, (9, 3))
 
@@ -66,9 +64,9 @@ def _light_sets() -> tuple[LightSet, ...]:
     one = np.array([[0.0, 0.0, 1.0]])
     three = np.array([[-0.5, 0.62, 0.6], [0.85, 0.4, 0.35], [0.0, 0.45, -0.9]])
     boxes = (
-        _soft_box([-0.6, 0.7, 0.6], 0.22, 2.2 * math.pi, [1.0, 0.97, 0.92]),
-        _soft_box([0.9, 0.45, 0.3], 0.22, 1.0 * math.pi, [0.86, 0.93, 1.0]),
-        _soft_box([0.0, 0.5, -0.9], 0.22, 1.2 * math.pi, [1.0, 1.0, 1.0]),
+        _soft_box([-0.6, 0.7, 0.6], 2.2 * math.pi, [1.0, 0.97, 0.92]),
+        _soft_box([0.9, 0.45, 0.3], 1.0 * math.pi, [0.86, 0.93, 1.0]),
+        _soft_box([0.0, 0.5, -0.9], 1.2 * math.pi, [1.0, 1.0, 1.0]),
     )
     return (
         LightSet(
@@ -172,7 +170,7 @@ def _setting(pixel_filter: str) -> dict[str, Any]:
         "lights": [
             {
                 "name": light.name,
-                "directions": np.round(light.directions, 7).tolist(),
+                "directions": np.round(light.direction, 7).tolist(),
                 "radiance": light.radiance.tolist(),
                 "height": light.height,
             }
@@ -191,7 +189,10 @@ def _texels(model: str, levels: Sequence[NDArray[np.float32]], half: bool) -> Te
     """The levels as textures of four channels: bytes, or half floats, two bytes each."""
     made = []
     for level in levels:
-        stored = np.asarray(level, np.float32) if half else _as_in_files(level, model)
+        stored: NDArray[np.floating] = np.asarray(level, np.float32)
+        if not half:  # the numbers from 0 to 1 that an 8-bit file holds, colours sRGB-encoded
+            parts = [to_file(level[..., layout.channels], layout.encodings, srgb=True) for layout in LAYOUTS[model]]
+            stored = np.clip(np.concatenate(parts, -1), 0, 1)
         textures = []
         for channels in model_named(model).view.textures:
             texels = np.zeros((*level.shape[:2], 4), np.float16 if half else np.uint8)
@@ -199,9 +200,3 @@ def _texels(model: str, levels: Sequence[NDArray[np.float32]], half: bool) -> Te
             textures.append(texels.view(np.uint8))
         made.append(textures)
     return Texels(f"{model}, {half}", made)
-
-
-def _as_in_files(level: NDArray[np.float32], model: str) -> NDArray[np.float64]:
-    """(H, W, C) stored channels to the numbers from 0 to 1 that an 8-bit file holds, colours sRGB-encoded."""
-    parts = [to_file(level[..., layout.channels], layout.encodings, srgb=True) for layout in LAYOUTS[model]]
-    return np.clip(np.concatenate(parts, -1), 0, 1)

@@ -71,7 +71,7 @@ def _predicted(stacks: Sequence[Texels]) -> Iterator[tuple[Plane, list[Feature]]
         for level, textures in enumerate(stack.levels):
             made.append([[np.pad(texels[..., byte], 1) for byte in range(texels.shape[-1])] for texels in textures])
             for texture, planes in enumerate(made[level]):
-                for byte in _order(len(planes)):
+                for byte in [FIRST, *(each for each in range(len(planes)) if each != FIRST)]:
                     plane = planes[byte]
                     features = [(plane, *at) for at in _BEFORE]
                     if byte != FIRST:
@@ -83,10 +83,6 @@ def _predicted(stacks: Sequence[Texels]) -> Iterator[tuple[Plane, list[Feature]]
                         features += [(each, 0, 0) for each in _halved(made[level - 1][texture][byte], plane)]
                     yield plane, features
         before, kind = made, stack.kind
-
-
-def _order(count: int) -> list[int]:
-    return [FIRST, *(byte for byte in range(count) if byte != FIRST)]
 
 
 def _halved(finer: Plane, plane: Plane) -> list[Plane]:
