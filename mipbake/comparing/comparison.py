@@ -184,8 +184,6 @@ def compare(
         model=model,
         pixel_filter=kernel,
         methods=tuple(methods),
-        curve=(),
-        figures=(),
         source=dataclasses.asdict(texture_set.found),
         texture_set=texture_set,
         settings=settings.to_dict(),
@@ -249,8 +247,6 @@ def preview(
             model=model,
             pixel_filter=kernel,
             methods=tuple(each.method for each in baked),
-            curve=(),
-            figures=(),
             stacks={each.name: _stack(texture_set, each) for each in baked},
             warnings=texture_set.warnings,
         )

@@ -162,8 +162,8 @@ class Comparison:
     model: str
     pixel_filter: str
     methods: tuple[Method, ...]
-    curve: tuple[Figure, ...]
-    figures: tuple[Figure, ...]
+    curve: tuple[Figure, ...] = ()
+    figures: tuple[Figure, ...] = ()
     rendered: tuple[Rendered, ...] = ()
     films: tuple[Filmed, ...] = ()
     plots: tuple[Plot, ...] = ()

@@ -7,10 +7,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from mipbake.comparing.page.markup import Html, element
-from mipbake.comparing.page.verdict import PLACES
 from mipbake.comparing.result import LINEAR, OPTIMUM, Comparison
 from mipbake.quality.figures import SCALES, Figure
 from mipbake.quality.metrics import PAIR_SETS
+from mipbake.stack.written import SPOKEN
 
 COLOURS = 9
 """How many colours the page's styles have for methods: `--c0` to `--c8`."""
@@ -95,7 +95,7 @@ def _panel(view: str, comparison: Comparison, styles: Mapping[str, Look], index:
     axes = _Axes((min(lods), max(lods)), (bottom, max(top, bottom + 5)))
     # Thin lines first, the subject last, so that it lies on top.
     order = sorted(lines, key=lambda name: (styles[name].stands_out, name == comparison.subject))
-    clip, place = f"plot-{index}", PLACES[view]
+    clip, place = f"plot-{index}", SPOKEN[view]
     label = f"SNR in decibels over level of detail {place}, a line for each method; the figures are in a table below"
     inside = element("rect", x=LEFT, y=TOP, width=WIDTH - LEFT - RIGHT, height=HEIGHT - TOP - BOTTOM)
     svg = element(

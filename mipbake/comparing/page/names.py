@@ -6,11 +6,7 @@ from collections.abc import Mapping
 
 from mipbake.baking.methods import METHODS
 from mipbake.comparing.result import LINEAR, Comparison
-from mipbake.comparing.viewer import TRUTH
 from mipbake.stack.verdict import distance_of
-
-REFERENCE = TRUTH
-"""What a report calls the reference beside the methods."""
 
 PLAIN, OURS = "plain MIP maps", "mipbake"
 

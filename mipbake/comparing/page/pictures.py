@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -19,33 +17,18 @@ _STOPS = 24  # places on the ramp that a page has
 _SHADES = 64  # shades of error maps: fewer than a byte has, so that maps compress
 
 
-@dataclass(frozen=True)
-class Picture:
-    """An encoded picture.
+def picture(pixels: NDArray[np.uint8], alt: str, quality: int = 85, **attributes: str | int | None) -> Html:
+    """(H, W, 3) sRGB-encoded pixels, top row first, as an `img` that holds them, described by `alt`.
 
-    Args:
-        uri: its pixels as a data URI.
-        width, height: in pixels.
+    They are encoded as WebP; small pictures, which are shown enlarged, without loss.
     """
-
-    uri: str
-    width: int
-    height: int
-
-    def html(self, alt: str, **attributes: str | int | None) -> Html:
-        """An `img`, described by `alt`."""
-        size = {"width": self.width, "height": self.height}
-        return element("img", src=self.uri, alt=alt, decoding="async", **size, **attributes)
-
-
-def encoded(pixels: NDArray[np.uint8], quality: int = 85) -> Picture:
-    """(H, W, 3) sRGB-encoded pixels, top row first, as WebP; small pictures, which are shown enlarged, without loss."""
     from PIL import Image
 
     image, buffer = Image.fromarray(np.ascontiguousarray(pixels)), io.BytesIO()
     image.save(buffer, "WEBP", lossless=pixels.size < _SMALL, method=2, quality=quality)
     uri = f"data:image/webp;base64,{base64.b64encode(buffer.getvalue()).decode('ascii')}"
-    return Picture(uri, image.width, image.height)
+    size = {"width": image.width, "height": image.height}
+    return element("img", src=uri, alt=alt, decoding="async", **size, **attributes)
 
 
 # ---- colours
@@ -104,9 +87,7 @@ def heat(values: NDArray[np.floating], top: float) -> NDArray[np.uint8]:
     return coloured
 
 
-def gradient_stops() -> Iterator[tuple[float, str]]:
-    """Share from 0 to 1 and colour, `#rrggbb`, of evenly spaced places on the ramp."""
-    for index in range(_STOPS):
-        share = index / (_STOPS - 1)
-        red, green, blue = ramp()[round(255 * share)]
-        yield share, f"#{red:02x}{green:02x}{blue:02x}"
+def gradient_stops() -> str:
+    """Evenly spaced places on the ramp, as a gradient of CSS lists them."""
+    shares = [index / (_STOPS - 1) for index in range(_STOPS)]
+    return ", ".join(f"#{ramp()[round(255 * share)].tobytes().hex()} {100 * share:.1f}%" for share in shares)

@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 
 from mipbake.comparing.page.charts import standing_out
 from mipbake.comparing.page.markup import Html, element, note, region
-from mipbake.comparing.page.names import REFERENCE, called, distance
-from mipbake.comparing.page.pictures import displayed_bytes, encoded, gradient_stops, heat
+from mipbake.comparing.page.names import called, distance
+from mipbake.comparing.page.pictures import displayed_bytes, gradient_stops, heat, picture
 from mipbake.comparing.page.tables import number, title, unit
 from mipbake.comparing.result import LINEAR, Comparison, Filmed, FilmedScene, Plot, Rendered, Scene
+from mipbake.comparing.viewer import TRUTH
 
 _NOISY = " (more than was wanted: small differences here are noise)"
 
@@ -30,12 +31,10 @@ def _ordered(comparison: Comparison) -> list[str]:
 
 def films(comparison: Comparison, step: Callable[[], None]) -> Html:
     """Films in step, near ones first: plain MIP maps, the subject and the reference; `step` is called after each."""
-    made, names = [], dict.fromkeys((LINEAR, comparison.subject, REFERENCE))
+    made, names = [], dict.fromkeys((LINEAR, comparison.subject, TRUTH))
     for filmed in sorted(comparison.films, key=lambda filmed: filmed.scene.lod):
         shown = [
-            _film(filmed, name, called(comparison, name))
-            for name in names
-            if name == REFERENCE or name in filmed.images
+            _film(filmed, name, called(comparison, name)) for name in names if name == TRUTH or name in filmed.images
         ]
         scene = filmed.scene
         moves = "the camera moves" if scene.motion == "camera" else "the lights move"
@@ -74,10 +73,9 @@ def _in_step(scene: FilmedScene, caption: Html, shown: Sequence[Html]) -> Html:
 
 
 def _film(filmed: Filmed, name: str, said: str) -> Html:
-    frames = filmed.reference if name == REFERENCE else filmed.images[name]
+    frames = filmed.reference if name == TRUTH else filmed.images[name]
     height, width = filmed.scene.resolution
-    picture = encoded(frames.reshape(-1, *frames.shape[2:]), 80)
-    sheet = picture.html(f"{filmed.scene.title}, {said}", class_="sheet")
+    sheet = picture(frames.reshape(-1, *frames.shape[2:]), f"{filmed.scene.title}, {said}", 80, class_="sheet")
     shown = element("div", sheet, class_="frame", style=f"--natural: {width}px; aspect-ratio: {width} / {height}")
     return element("figure", shown, element("figcaption", said), data_method=name)
 
@@ -102,9 +100,9 @@ def plots(comparison: Comparison, step: Callable[[], None]) -> Html:
     for plot in comparison.plots:
         cells = []
         for name, image in _reference_first(plot, names):
-            picture = encoded(displayed_bytes(image))
-            width = max(1, round(224 / max(picture.width, 1))) * picture.width
-            cells.append(_cell(name, [picture.html(f"{plot.title}, {name}", style=f"--width: {width}px")]))
+            width = max(1, round(224 / max(image.shape[1], 1))) * image.shape[1]
+            shown = picture(displayed_bytes(image), f"{plot.title}, {name}", style=f"--width: {width}px")
+            cells.append(_cell(name, [shown]))
         made.append(_figure(plot.title, plot.caption, cells))
         step()
     return element("div", made, class_="scenes")
@@ -122,11 +120,10 @@ def flip_top(comparison: Comparison) -> float:
 def _colour_bar(top: float) -> Html:
     """What the colours of the error maps stand for."""
     last = f"{top:g}" + ("" if top >= 1 else " and more")
-    stops = ", ".join(f"{colour} {100 * share:.1f}%" for share, colour in gradient_stops())
     ramp = element(
         "div",
         class_="ramp",
-        style=f"background: linear-gradient(to right, {stops})",
+        style=f"background: linear-gradient(to right, {gradient_stops()})",
         role="img",
         aria_label=f"Colours from black for 0 to pale yellow for {last}",
     )
@@ -139,9 +136,9 @@ def _picture(comparison: Comparison, rendered: Rendered, names: Sequence[str], t
     for name, image in _reference_first(rendered, names):
         alt = f"{scene.title}, {name}"
         size = f"--width: {scene.resolution[1]}px"
-        shown = [encoded(displayed_bytes(image)).html(alt, style=size)]
+        shown = [picture(displayed_bytes(image), alt, style=size)]
         if name in rendered.flip:
-            shown.append(encoded(heat(rendered.flip[name], top)).html(f"FLIP map: {alt}", style=size))
+            shown.append(picture(heat(rendered.flip[name], top), f"FLIP map: {alt}", style=size))
         found = comparison.find(name, "flip", scene.view, scene.scale)
         caption = f"{title('flip')} {number(found.value, 'flip')} {unit('flip')}" if found else None
         cells.append(_cell(name, shown, caption))
@@ -149,7 +146,7 @@ def _picture(comparison: Comparison, rendered: Rendered, names: Sequence[str], t
 
 
 def _reference_first(shown: Rendered | Plot, names: Sequence[str]) -> list[tuple[str, NDArray[Any]]]:
-    return [(REFERENCE, shown.reference), *((name, shown.images[name]) for name in names if name in shown.images)]
+    return [(TRUTH, shown.reference), *((name, shown.images[name]) for name in names if name in shown.images)]
 
 
 def _figure(heading: str, described: str, cells: Sequence[Html]) -> Html:

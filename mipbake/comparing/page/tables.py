@@ -10,10 +10,11 @@ from mipbake.comparing.films import FILM
 from mipbake.comparing.page.charts import looks
 from mipbake.comparing.page.markup import DASH, MINUS, SPACE, Content, Html, element, region
 from mipbake.comparing.page.names import DISTANCES, called, distance
-from mipbake.comparing.page.verdict import PLACES, film_named, visible
+from mipbake.comparing.page.verdict import film_named, visible
 from mipbake.comparing.result import LINEAR, OPTIMUM, Comparison
 from mipbake.quality.figures import SCALES, SNR_GAIN, Figure
 from mipbake.quality.metrics import MEASURES, PAIR_SETS
+from mipbake.stack.written import SPOKEN
 
 _BETTER = {
     "higher": "higher is better",
@@ -63,16 +64,6 @@ def number(value: float, measure: str, largest: float | None = None) -> str:
 # ---- what one sees
 
 
-@dataclass(frozen=True)
-class _Place:
-    """A row of the first table: what is looked at, and where its figures are."""
-
-    distance: str
-    what: str
-    shimmer: tuple[str, str, str]
-    difference: tuple[str, str, str]
-
-
 _SEEN = {
     "jod-37": (
         "Likeness to the truth",
@@ -92,7 +83,7 @@ def seen_table(comparison: Comparison) -> Html:
     names = list(dict.fromkeys((LINEAR, comparison.subject)))
     if not places:
         return Html("")
-    measures = [places[0].difference[0], "flicker"]
+    measures = [measure for measure, *_ in places[0][2]]
     heads = [
         element(
             "th", element("b", _SEEN[each][0]), element("small", _SEEN[each][1]), scope="colgroup", colspan=len(names)
@@ -100,9 +91,9 @@ def seen_table(comparison: Comparison) -> Html:
         for each in measures
     ]
     rows = []
-    for place in places:
-        cells = [_pair(comparison, names, at) for at in (place.difference, place.shimmer)]
-        head = element("th", element("b", place.distance), element("small", place.what), scope="row")
+    for far, what, figures in places:
+        cells = [_pair(comparison, names, at) for at in figures]
+        head = element("th", element("b", far), element("small", what), scope="row")
         rows.append(element("tr", head, cells))
     said = [element("th", called(comparison, name), scope="col") for _ in measures for name in names]
     head = element("thead", element("tr", element("td"), heads), element("tr", element("td"), said))
@@ -110,18 +101,20 @@ def seen_table(comparison: Comparison) -> Html:
     return region("What one sees", table)
 
 
-def _places(comparison: Comparison) -> list[_Place]:
+def _places(comparison: Comparison) -> list[tuple[str, str, Sequence[tuple[str, str, str]]]]:
+    """Rows of the first table: the distance, what is looked at, and the measure, view and scale of its figures, the
+    difference from the truth and shimmer."""
     judge = "jod-37" if any(f.measure == "jod-37" for f in comparison.figures) else "flip"
     scenes = sorted((each.scene for each in comparison.films), key=lambda scene: scene.lod)
     made = [
-        _Place(distance(s.lod), s.title.partition(",")[0], ("flicker", s.name, ""), (judge, s.name, "")) for s in scenes
+        (distance(s.lod), s.title.partition(",")[0], [(each, s.name, "") for each in (judge, "flicker")])
+        for s in scenes
     ]
     if not made:
         for scale, said in DISTANCES.items():
             view = next((each.scene.view for each in comparison.rendered if each.scene.scale == scale), "")
-            made.append(_Place(said, view, ("flicker", "near-mirror", scale), ("flip", view, scale)))
-    subject = comparison.subject
-    return [place for place in made if comparison.find(subject, *place.difference)]
+            made.append((said, view, [("flip", view, scale), ("flicker", "near-mirror", scale)]))
+    return [row for row in made if comparison.find(comparison.subject, *row[2][0])]
 
 
 def _pair(comparison: Comparison, names: Sequence[str], at: tuple[str, str, str]) -> list[Html]:
@@ -166,7 +159,7 @@ def curve_table(comparison: Comparison) -> Html:
         points = [p for p in comparison.curve if p.view == view and p.lod == int(p.lod)]
         lods = sorted({p.lod for p in points})
         columns = [_Column(f"{lod:g}", "snr", {p.method: p for p in points if p.lod == lod}) for lod in lods]
-        tables.append(_table(comparison, f"SNR {PLACES[view]} by level of detail", "snr", columns, "scroll wide"))
+        tables.append(_table(comparison, f"SNR {SPOKEN[view]} by level of detail", "snr", columns, "scroll wide"))
     return element("div", tables)
 
 
@@ -186,7 +179,7 @@ def _by_method(figures: Sequence[Figure], measure: str, scale: str) -> dict[str,
 def _place(view: str) -> str:
     if view.startswith(FILM):
         return f"in the film of {film_named(view)}"
-    return (PLACES | {"rotation": "in a slow rotation"}).get(view, f"on the {view}")
+    return (SPOKEN | {"rotation": "in a slow rotation"}).get(view, f"on the {view}")
 
 
 def _table(

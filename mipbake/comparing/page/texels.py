@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mipbake.comparing.page.markup import TIMES, Html, element, joined, note, region
 from mipbake.comparing.page.names import called
-from mipbake.comparing.page.pictures import bytes_of, encoded
+from mipbake.comparing.page.pictures import bytes_of, picture
 from mipbake.comparing.result import LINEAR, Comparison
 from mipbake.comparing.viewer import texel_bytes, viewer_fragment
 from mipbake.material.filtered_source import FilteredSource
@@ -95,9 +95,9 @@ def _row(name: str, layout: MapLayout, levels: Sequence[NDArray[np.float32]]) ->
     for index, level in enumerate(levels[:THUMBNAIL_LEVELS]):
         height, width = level.shape[:2]
         label = f"{_spelt(layout.name)}, {name}, level {index}"
-        picture = encoded(_pixels(level, layout, low, high))
+        shown = picture(_pixels(level, layout, low, high), label, class_="texels")
         caption = element("figcaption", f"level {index}", element("small", f"{width} {TIMES} {height}"))
-        cells.append(element("figure", picture.html(label, class_="texels"), caption))
+        cells.append(element("figure", shown, caption))
     strip = region(f"{_spelt(layout.name)}: levels of {name}", cells, class_="strip small")
     return element("div", element("h4", name), strip, class_="levels")
 

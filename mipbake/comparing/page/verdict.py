@@ -21,9 +21,7 @@ from mipbake.comparing.result import LINEAR, OPTIMUM, Comparison
 from mipbake.quality.figures import SCALES, SNR_GAIN
 from mipbake.quality.metrics import MEASURES, PAIR_SETS
 from mipbake.stack.verdict import PLAIN_OPTIONS, Distance, Effect, distance_of, in_words
-
-PLACES = {"near-mirror": "near the mirror", "hemisphere": "over the hemisphere"}
-"""Pair sets as sentences call them."""
+from mipbake.stack.written import SPOKEN
 
 VISIBLE_JOD = 0.1
 """A smaller difference in JOD is none that is visible. A guess: 53 in 100 people would prefer the better film."""
@@ -108,8 +106,9 @@ def _for_artists(comparison: Comparison) -> str:
 
 def effects(comparison: Comparison, method: str) -> dict[Distance, Effect]:
     """How a method looks beside plain MIP maps at each distance that films show, or renders where there is no film."""
-    places, by_distance = _judged(comparison) or _in_renders(comparison), dict[Distance, list[Difference]]()
-    for place in places:
+    by_distance: dict[Distance, list[Difference]] = {}
+    renders = [("flip", each.scene.view, each.scene.scale) for each in comparison.rendered]
+    for place in _judged(comparison) or renders:
         found, figure = difference(comparison, LINEAR, *place, method), comparison.find(LINEAR, *place)
         if found is not None and figure is not None and not math.isnan(figure.lod):
             by_distance.setdefault(distance_of(figure.lod), []).append(found)
@@ -193,7 +192,7 @@ def _places(found: Sequence[Difference], view: str, outcome: int) -> str:
     every = len(chosen) == len(here) and len(here) > 1
     where = "at every scale" if every else f"at {listed(d.scale for d in chosen)}"
     low, high = (f"{f(abs(d.gain) for d in chosen):.1f}" for f in (min, max))
-    return f"{PLACES[view]} {where} (by {low if low == high else f'{low} to {high}'} dB)"
+    return f"{SPOKEN[view]} {where} (by {low if low == high else f'{low} to {high}'} dB)"
 
 
 # ---- films
@@ -209,11 +208,6 @@ def _judged(comparison: Comparison) -> list[tuple[str, str, str]]:
     films = list(dict.fromkeys(f.view for f in comparison.figures if f.view.startswith(FILM)))
     found = {figure.measure for figure in comparison.figures if figure.view in films}
     return [(measure, film, "") for measure in [each for each in _JUDGES if each in found][:1] for film in films]
-
-
-def _in_renders(comparison: Comparison) -> list[tuple[str, str, str]]:
-    """The same of renders, which have FLIP."""
-    return [("flip", each.scene.view, each.scene.scale) for each in comparison.rendered]
 
 
 def _in_films(subject: str, closed: Sequence[Difference], linear: Sequence[Difference]) -> str:
