@@ -36,18 +36,14 @@ def candidate(
 
     Returns (K, P, 3) float32 linear radiance.
     """
-    return shading.shade(model, looked_up(levels, uv, lod, wrap), pairs.light, pairs.view)
-
-
-def looked_up(
-    levels: Sequence[NDArray[np.float32]], uv: NDArray[np.float64], lod: float, wrap: Wrap
-) -> NDArray[np.float32]:
-    """(P, C) float32: `lookup`, by levels themselves where they look up in their own way."""
-    return levels.lookup(uv, lod, wrap) if isinstance(levels, LooksUp) else lookup(levels, uv, lod, wrap)
+    return shading.shade(model, lookup(levels, uv, lod, wrap), pairs.light, pairs.view)
 
 
 def lookup(levels: Sequence[NDArray[Any]], uv: NDArray[np.float64], lod: float, wrap: Wrap) -> NDArray[np.float32]:
-    """(P, C) float32: one trilinear lookup of levels (H_L, W_L, C) of float32 or float16 at each of (P, 2) uv."""
+    """(P, C) float32: one trilinear lookup of levels (H_L, W_L, C) of float32 or float16 at each of (P, 2) uv; by the
+    levels themselves where they look up in their own way."""
+    if isinstance(levels, LooksUp):
+        return levels.lookup(uv, lod, wrap)
     finest, *coarser = (level[None] for level in levels)
     texels = sampling.texture(
         finest,

@@ -92,14 +92,11 @@ class SmallPictures:
             out[some] = estimate(source, pixels, lighting, samples, rng)[:, 0]
         return out
 
-    def places(self, count: int) -> NDArray[np.float32]:
-        """(count,) offsets of lookups from the centre of a pixel, in units of its longer side."""
-        return ((np.arange(count) + 0.5) / count - 0.5).astype(np.float32)
-
     def looked_up_at(self, some: slice | NDArray[np.intp], count: int) -> Array:
         """(n, points, count, 2) where `count` lookups of each point of n pictures lie."""
         width = np.exp2(self.longer[some])[:, None] / np.array(self.size)
-        offsets = self.places(count)[:, None] * (self.axes[some, 0] * width)[:, None, None, :]
+        places = ((np.arange(count) + 0.5) / count - 0.5).astype(np.float32)  # in units of a pixel's longer side
+        offsets = places[:, None] * (self.axes[some, 0] * width)[:, None, None, :]
         at = self.uv[some]
         if self.frames > 1:
             at = frames_at(at, self.axes[some][:, None] * width[:, None, None], self.frames)

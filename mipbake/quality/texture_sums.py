@@ -28,7 +28,7 @@ from mipbake.quality.reference.lighting import GroupPairs
 from mipbake.quality.reference.pair_sets import weighted_pair_set
 from mipbake.quality.reference.samples import Pixels
 from mipbake.quality.reference.sequences import random_points
-from mipbake.quality.round_lookups import looked_up
+from mipbake.quality.round_lookups import lookup
 from mipbake.quality.samplers import over_frames
 from mipbake.shading import shade
 
@@ -82,7 +82,7 @@ class Scene:
 
         def frame(shift: tuple[float, float]) -> Radiance:
             here = (uv + shift * pixel if any(shift) else uv).reshape(-1, 2)
-            texels = looked_up(each.levels, here, lod + self.sampler.bias, self.source.wrap).reshape(*uv.shape[:2], -1)
+            texels = lookup(each.levels, here, lod + self.sampler.bias, self.source.wrap).reshape(*uv.shape[:2], -1)
             return shade(each.method.model, texels, self.lighting.light, self.lighting.view)
 
         return over_frames(self.sampler, frame)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mipbake.quality.judging.scores import Score
-from mipbake.quality.judging.terms import ARRAYS, TERMS, Array, Weights, standard_error
+from mipbake.quality.judging.terms import ARRAYS, LOG_ERRORS, TERMS, Array, Weights, certainty, standard_error
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,9 @@ class Baseline:
     @property
     def certainties(self) -> Array:
         """(T,) what each term counts of its weight: 1, and less for bright pairs on which chance decides."""
-        return np.array([term.certainty(self.values[name]) for name, term in TERMS.items()])
+        return np.array(
+            [1.0 if each.array == LOG_ERRORS else certainty(self.values[name]) for name, each in TERMS.items()]
+        )
 
     @classmethod
     def of(cls, score: Score, plain: Array | None = None) -> Baseline:

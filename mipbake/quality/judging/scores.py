@@ -185,7 +185,8 @@ class Scores:
 
         def errors(index: int) -> Errors:
             seen = [self.looked_up(levels[level], index) for level in self.probes[index].levels]
-            return self.errors(between_levels(seen), index)
+            # Halfway between two levels, a lookup is the mean of both.
+            return self.errors(seen[0] if len(seen) == 1 else (seen[0] + seen[1]) / np.float32(2), index)
 
         return side_by_side(errors, range(len(self.probes)))
 
@@ -199,11 +200,6 @@ def off_by(probe: Probe, model: str, texels: Image, some: slice) -> Image:
     off = mean_of_frames(shade(model, texels[some], probe.light[some], probe.view[some]), probe.frames)
     off -= probe.mean[some]
     return off
-
-
-def between_levels(seen: Sequence[Image]) -> Image:
-    """What a lookup halfway between levels, or at one, makes of lookups in each."""
-    return seen[0] if len(seen) == 1 else np.asarray((seen[0] + seen[1]) / 2, np.float32)
 
 
 def blocks(probe: Probe) -> list[slice]:

@@ -70,10 +70,6 @@ class Term:
         """The logarithm of the error."""
         return float(self.values(score).mean())
 
-    def certainty(self, baseline: Array) -> float:
-        """What it counts of its weight, by the (N,) values of a baseline: less where chance decides them."""
-        return 1.0 if self.array == LOG_ERRORS else float(certainty(baseline))
-
 
 def certainty(rows: Array) -> Array:
     """(...,) of rows (..., H) of pseudo-values: 1 for a mean that is known, 1/2 where its standard error is _UNSURE.
