@@ -42,7 +42,14 @@ def read_gltf(path: Path) -> Mesh:
     passed over; texture coordinates are TEXCOORD_0, without KHR_texture_transform. Errors are those of `read_mesh`.
     """
     document = read_document(path)
-    _check_extensions(document)
+    for name in document.json.get("extensionsRequired", []):
+        if name in _COMPRESSED:
+            raise _compressed(path, name)
+        if not _HARMLESS.fullmatch(name):
+            raise InputError(
+                f"the mesh {path} requires the glTF extension {name}, which is not read: expected plain triangles, so "
+                "export it without"
+            )
     try:
         return _Scene(document).mesh()
     except _MALFORMED as error:
@@ -52,17 +59,6 @@ def read_gltf(path: Path) -> Mesh:
             f"the mesh {path} is broken ({reason}): expected valid glTF 2.0, so check it with the glTF validator and "
             "export it again"
         ) from error
-
-
-def _check_extensions(document: Document) -> None:
-    for name in document.json.get("extensionsRequired", []):
-        if name in _COMPRESSED:
-            raise _compressed(document.path, name)
-        if not _HARMLESS.fullmatch(name):
-            raise InputError(
-                f"the mesh {document.path} requires the glTF extension {name}, which is not read: expected plain "
-                "triangles, so export it without"
-            )
 
 
 def _compressed(path: Path, extension: str) -> InputError:

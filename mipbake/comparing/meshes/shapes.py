@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mipbake.comparing.meshes.mesh import Mesh
 
@@ -38,18 +37,14 @@ def sphere(rows: int = 64, repeat: tuple[float, float] = (2.0, 1.0)) -> Mesh:
     theta, phi = np.pi * v, 2 * np.pi * u
     n = np.stack([-np.sin(theta) * np.sin(phi), np.cos(theta), -np.sin(theta) * np.cos(phi)], -1)
     t = np.stack([-np.cos(phi), 0 * phi, np.sin(phi), 1 + 0 * phi], -1)
-    triangles = _grid(rows, columns).reshape(rows, columns, 2, 3)
+    # Two triangles for each quad, seen counter-clockwise with rows running down.
+    i, j = np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij")
+    a = i * (columns + 1) + j
+    b, c, d = a + 1, a + columns + 1, a + columns + 2
+    triangles = np.stack([np.stack([a, c, d], -1), np.stack([a, d, b], -1)], -2).astype(np.int32)
     triangles[-1, :, 1, 1] = triangles[-1, :, 0, 1]  # the pole below, with this column's u
     kept = np.ones(triangles.shape[:3], bool)
     kept[0, :, 1] = kept[-1, :, 0] = False  # those that a pole leaves no area
     normals = n.reshape(-1, 3)
     uv = np.stack([u, v], -1).reshape(-1, 2) * repeat
     return Mesh("sphere", normals, normals, uv, t.reshape(-1, 4), triangles[kept])
-
-
-def _grid(rows: int, columns: int) -> NDArray[np.int32]:
-    """(2 rows columns, 3): triangles of a grid of vertices, seen counter-clockwise with rows running down."""
-    i, j = np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij")
-    a = i * (columns + 1) + j
-    b, c, d = a + 1, a + columns + 1, a + columns + 2
-    return np.stack([np.stack([a, c, d], -1), np.stack([a, d, b], -1)], -2).reshape(-1, 3).astype(np.int32)
