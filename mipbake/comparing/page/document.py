@@ -76,34 +76,28 @@ def _first(comparison: Comparison, begun: bool, step: Callable[[], None]) -> Ite
 
 def _details(comparison: Comparison, step: Callable[[], None]) -> Html:
     """Everything else, with headings of its own."""
-    parts: list[tuple[str, str, Content]] = []
-    if comparison.notes:
-        parts.append(("notes", "Notes", bullets(comparison.notes)))
-    if comparison.figures:
-        parts.append(("decibels", "Verdict in decibels", _in_decibels(comparison)))
-    if others := other_films(comparison):
-        parts.append(("others", "Other methods in films", others))
-    if comparison.rendered:
-        text = (
-            "Each method looks its stack up once for each pixel. The truth is supersampled until its own noise is far "
-            f"below the error of the closest method. Radiance x is shown as {'x / (1 + x)'.replace(' ', SPACE)}. Below "
-            "each picture, FLIP maps its difference from the truth."
-        )
-        parts.append(("pictures", "Renders", [note(text), pictures(comparison, step)]))
-    if comparison.curve:
-        parts.append(("curves", "Signal to noise over level of detail", _curves(comparison)))
-    if comparison.plots:
-        parts.append(("plots", "Change and lobes", plots(comparison, step)))
-    if comparison.figures:
-        parts.append(("figures", "Every measure", measure_tables(comparison)))
-    if maps := thumbnails(comparison) if comparison.figures else None:
-        parts.append(("maps", "Maps and levels", maps))
+    renders = note(
+        "Each method looks its stack up once for each pixel. The truth is supersampled until its own noise is far "
+        f"below the error of the closest method. Radiance x is shown as {'x / (1 + x)'.replace(' ', SPACE)}. Below "
+        "each picture, FLIP maps its difference from the truth."
+    )
+    measured = bool(comparison.figures)
+    parts: list[tuple[str, str, Content]] = [
+        ("notes", "Notes", comparison.notes and bullets(comparison.notes)),
+        ("decibels", "Verdict in decibels", measured and _in_decibels(comparison)),
+        ("others", "Other methods in films", other_films(comparison)),
+        ("pictures", "Renders", comparison.rendered and [renders, pictures(comparison, step)]),
+        ("curves", "Signal to noise over level of detail", comparison.curve and _curves(comparison)),
+        ("plots", "Change and lobes", comparison.plots and plots(comparison, step)),
+        ("figures", "Every measure", measured and measure_tables(comparison)),
+        ("maps", "Maps and levels", measured and thumbnails(comparison)),
+    ]
     step()
     parts.append(("made", "How this was made", details(comparison, RESULTS)))
     names = {called(comparison, name): name for name in (LINEAR, comparison.subject)}
     text = f"Methods are called as in commands and files: {'; '.join(f'{key}, {name}' for key, name in names.items())}."
-    sections = [note(text), [_section(*part) for part in parts]]
-    what = "all methods, measures and pictures" if comparison.figures else "how this was made"
+    sections = [note(text), [_section(*part) for part in parts if part[2]]]
+    what = "all methods, measures and pictures" if measured else "how this was made"
     return element("details", element("summary", f"Details: {what}"), sections, id="details")
 
 

@@ -7,7 +7,7 @@ without scripts the first frame is seen. A reader without scripts and a printer 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -31,16 +31,10 @@ def _ordered(comparison: Comparison) -> list[str]:
 
 def films(comparison: Comparison, step: Callable[[], None]) -> Html:
     """Films in step, near ones first: plain MIP maps, the subject and the reference; `step` is called after each."""
-    made, names = [], dict.fromkeys((LINEAR, comparison.subject, TRUTH))
+    made, names = [], {name: called(comparison, name) for name in (LINEAR, comparison.subject, TRUTH)}
     for filmed in sorted(comparison.films, key=lambda filmed: filmed.scene.lod):
-        shown = [
-            _film(filmed, name, called(comparison, name)) for name in names if name == TRUTH or name in filmed.images
-        ]
-        scene = filmed.scene
-        moves = "the camera moves" if scene.motion == "camera" else "the lights move"
-        text = f"{distance(scene.lod)}; {moves}."
-        caption = element("figcaption", element("h3", scene.title), note(text))
-        made.append(_in_step(scene, caption, shown))
+        moves = "the camera moves" if filmed.scene.motion == "camera" else "the lights move"
+        made.append(_in_step(filmed, names, f"{distance(filmed.scene.lod)}; {moves}."))
         step()
     buttons = [
         _button("Stop", "play", "Stop or play the films (space bar)"),
@@ -57,27 +51,26 @@ def films(comparison: Comparison, step: Callable[[], None]) -> Html:
 
 def other_films(comparison: Comparison) -> Html:
     """Films of all other methods, and how films were made; empty without films."""
-    made = []
-    names = [name for name in _ordered(comparison) if name not in (LINEAR, comparison.subject)]
-    for filmed in comparison.films:
-        shown = [_film(filmed, name, name) for name in names if name in filmed.images]
-        caption = element("figcaption", element("h3", filmed.scene.title), note(_film_described(filmed.scene)))
-        made.append(_in_step(filmed.scene, caption, shown))
+    names = {name: name for name in _ordered(comparison) if name not in (LINEAR, comparison.subject)}
+    made = [_in_step(filmed, names, _film_described(filmed.scene)) for filmed in comparison.films]
     return element("div", made, class_="films others") if made else Html("")
 
 
-def _in_step(scene: FilmedScene, caption: Html, shown: Sequence[Html]) -> Html:
+def _in_step(filmed: Filmed, names: Mapping[str, str], text: str) -> Html:
+    """A film of the methods that have these names for readers, as far as they were filmed, above a text."""
+    scene, shown = filmed.scene, []
+    height, width = scene.resolution
+    style = f"--natural: {width}px; aspect-ratio: {width} / {height}"
+    for name, said in names.items():
+        frames = filmed.reference if name == TRUTH else filmed.images.get(name)
+        if frames is not None:
+            sheet = picture(frames.reshape(-1, *frames.shape[2:]), f"{scene.title}, {said}", 80, class_="sheet")
+            frame = element("div", sheet, class_="frame", style=style)
+            shown.append(element("figure", frame, element("figcaption", said), data_method=name))
+    caption = element("figcaption", element("h3", scene.title), note(text))
+    fps = f"{scene.frames_per_second:g}"
     strip = element("div", shown, class_="strip")
-    return element("figure", strip, caption, class_="film", data_frames=scene.frames,
-                   data_fps=f"{scene.frames_per_second:g}")  # fmt: skip
-
-
-def _film(filmed: Filmed, name: str, said: str) -> Html:
-    frames = filmed.reference if name == TRUTH else filmed.images[name]
-    height, width = filmed.scene.resolution
-    sheet = picture(frames.reshape(-1, *frames.shape[2:]), f"{filmed.scene.title}, {said}", 80, class_="sheet")
-    shown = element("div", sheet, class_="frame", style=f"--natural: {width}px; aspect-ratio: {width} / {height}")
-    return element("figure", shown, element("figcaption", said), data_method=name)
+    return element("figure", strip, caption, class_="film", data_frames=scene.frames, data_fps=fps)
 
 
 def _button(label: str, do: str, described: str) -> Html:
