@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake import sampling, shading
+from mipbake import shading
 from mipbake.base.timings import Progress
 from mipbake.comparing.meshes.camera import Camera
 from mipbake.comparing.pictures import RenderSettings, brightening
@@ -22,7 +22,7 @@ from mipbake.quality.environment import Lighting
 from mipbake.quality.figures import Candidate, Figure
 from mipbake.quality.metrics import LightViewPairs, flicker_ratio, flicker_snr_db
 from mipbake.quality.metrics.pairs import cosine_directions
-from mipbake.quality.reference.estimate import reference
+from mipbake.quality.reference.estimate import bilinear, reference
 from mipbake.quality.reference.sequences import SEQUENCE
 from mipbake.quality.round_lookups import candidate
 from mipbake.quality.samplers import RenderSampler, level_of_detail, look_up, over_frames
@@ -79,11 +79,10 @@ def temporal_slice(
         for each in candidates
     }
     first, second = scene.reference(source, passes, np.random.default_rng(settings.seed), progress)
-    by_frame = {name: image.swapaxes(0, 1) for name, image in images.items()}
     halves = first.swapaxes(0, 1), second.swapaxes(0, 1)
     figures = tuple(
-        Figure(name, measure, "rotation", "1:1", 0.5, function(p, *halves))
-        for name, p in by_frame.items()
+        Figure(name, measure, "rotation", "1:1", 0.5, function(image.swapaxes(0, 1), *halves))
+        for name, image in images.items()
         for measure, function in (("flicker", flicker_ratio), ("flicker-snr", flicker_snr_db))
     )
     caption = (
@@ -117,7 +116,11 @@ class Turning:
         self.angles = np.radians(DEGREES * np.arange(frames))
         """(frames,) radians, from +z towards +x."""
         self._size, self._lighting = size, lighting
-        self._tangent_frames = np.repeat(self._frames().astype(np.float32), height, axis=0)
+        # (frames, 3, 3): rows t, b and n in the world; u grows along t and v along -b.
+        c, s, zero = np.cos(self.angles), np.sin(self.angles), np.zeros(frames)
+        t, b, n = (c, zero, -s), (-s, zero, -c), (zero, zero + 1, zero)
+        self._frames = np.stack([np.stack(each, -1) for each in (t, b, n)], 1)
+        self._tangent_frames = np.repeat(self._frames.astype(np.float32), height, axis=0)
         self.texel = 1.0
         bottom = self._see((0.0, 0.0))[1].reshape(frames, height, 4)[0, -1:]
         self.texel = float(2 ** level_of_detail(bottom, size)[0])
@@ -154,16 +157,16 @@ class Turning:
         and shaded at each sample; one sub-pixel offset a pass, which all frames share.
         """
         kernel = filter_named(source.pixel_filter)
-        level = np.asarray(source.stored, np.float32)[None]
+        level = np.asarray(source.stored, np.float32)
         halves = []
         for half, shift in enumerate(rng.random((2, 2))):
             total, weights = np.zeros((len(self.angles), self.resolution[0], 3)), 0.0
             for index in range(passes // 2):
                 offset, sign = kernel.offsets((shift + index * SEQUENCE) % 1.0)
                 uv, _, view = self._see((float(offset[0]), float(offset[1])))
-                texels = sampling.texture(level, uv[None, None], filter_mode="linear", boundary_mode=source.wrap)
+                texels = bilinear(level, uv, source.wrap)
                 weight = float(sign.prod())
-                total += weight * self._lit(texels[0, 0], view, source.model)
+                total += weight * self._lit(texels, view, source.model)
                 weights += weight
                 progress((half + 2 * (index + 1) / passes) / 2)
             # As mesh_render divides: a constant stays constant under signed filters too.
@@ -188,19 +191,12 @@ class Turning:
             -origin[1] * (along * d[:, 1:2] - d * along[1]) / d[:, 1:2] ** 2 for along in (pixel * right, pixel * up)
         )
         view = -d / np.linalg.norm(d, axis=-1, keepdims=True)
-        frame = self._frames()
-        on_plane = frame[:, None, :2] * [[[[1.0], [-1.0]]]]
+        on_plane = self._frames[:, None, :2] * [[[[1.0], [-1.0]]]]
         scale = 1 / (self.texel * np.array([self._size[1], self._size[0]]))
         uv, du, dv = ((on_plane @ p[None, :, :, None])[..., 0] * scale for p in (hit, dx, dy))
         uv_da = np.stack([du[..., 0], dv[..., 0], du[..., 1], dv[..., 1]], -1)
-        views = np.tile(view.astype(np.float32), (len(frame), 1))
+        views = np.tile(view.astype(np.float32), (len(self.angles), 1))
         return uv.reshape(-1, 2), uv_da.reshape(-1, 4), views
-
-    def _frames(self) -> Array:
-        """(frames, 3, 3): rows t, b and n in the world; u grows along t and v along -b."""
-        c, s, zero = np.cos(self.angles), np.sin(self.angles), np.zeros(len(self.angles))
-        t, b, n = (c, zero, -s), (-s, zero, -c), (zero, zero + 1, zero)
-        return np.stack([np.stack(each, -1) for each in (t, b, n)], 1)
 
     def _lit(self, texels: NDArray[np.float32], view: NDArray[np.float32], model: str) -> NDArray[np.float32]:
         """(frames, height, 3) radiance of all lights together."""

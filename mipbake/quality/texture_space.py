@@ -188,7 +188,7 @@ def measure(
             found += in_motion(some, candidates, lod, Draws(a_block(count), most, rngs))
         return found
 
-    sums: _Collected = {}
+    sums: dict[tuple[str, str, float], list[Sums]] = {}  # as Found, the pair sets of every block one after the other
     side_by_side = together * own * samples >= _SIDE_BY_SIDE
     items = len(every) * len(parts)
     for pieces in on_threads(measured, items, partial(progress, PHASE), None if side_by_side else 1):
@@ -218,9 +218,6 @@ def measure(
         sums=snr,
     )
 
-
-_Collected = dict[tuple[str, str, float], list[Sums]]
-"""Measure, method and level of detail to what the pairs of every block add, one pair set after the other."""
 
 _MEASURES: Mapping[str, Callable[[Sums], Interval]] = {
     "snr": snr_interval,

@@ -80,7 +80,7 @@ def reference(
 def bilinear(level: Image, uv: NDArray[np.floating], wrap: Wrap) -> Image:
     """(..., C): an image at (..., 2) uv, bilinearly."""
     texels = sampling.texture(level[None], uv.reshape(1, 1, -1, 2), filter_mode="linear", boundary_mode=wrap)
-    return np.asarray(texels.reshape(*uv.shape[:-1], -1))
+    return np.asarray(texels.reshape(*uv.shape[:-1], level.shape[-1]))
 
 
 def _mean(model: str, lighting: Illumination, texels: Image, weights: Image | None, span: Span) -> Image:
