@@ -70,10 +70,8 @@ class Scene:
         lighting = GroupPairs(self.lighting.light[some], self.lighting.view[some])
         return Scene(self.source, lighting, self.weights[some], self.sampler)
 
-    def estimate(
-        self, uv: NDArray[np.float64], lod: float, samples: int, rngs: Sequence[np.random.Generator]
-    ) -> Radiance:
-        return estimate(self.source, Pixels(uv, lod), self.lighting, samples, rngs)
+    def estimate(self, uv: NDArray[np.float64], lod: float, draws: Draws) -> Radiance:
+        return estimate(self.source, Pixels(uv, lod), self.lighting, draws.samples, draws.rngs)
 
     def shown(self, each: Candidate, uv: NDArray[np.float64], lod: float) -> Radiance:
         """What a candidate shows at each of (B, P, 2) uv: one trilinear lookup, shaded once; of every frame."""
@@ -124,7 +122,7 @@ def a_block(points: int) -> int:
 def at_rest(scene: Scene, candidates: Sequence[Candidate], lod: float, draws: Draws, tones: bool) -> Iterator[Found]:
     """The SNR of blocks at a level of detail, and the tonemapped error where it is wanted."""
     uv = draws.uv
-    compared = _Compared(*(scene.estimate(uv, lod, draws.samples, draws.rngs) for _ in range(2)))
+    compared = _Compared(*(scene.estimate(uv, lod, draws) for _ in range(2)))
     some = a_block(_TONE_POINTS)
     toned = displayed(compared.mean[:, :, :some]) if tones else None
     for each in candidates:
@@ -143,10 +141,9 @@ def in_motion(scene: Scene, candidates: Sequence[Candidate], lod: float, draws: 
     them.
     """
     height, width = scene.source.stored.shape[:2]
-    points, samples, rngs = draws
     uv = draws.uv
     places = [uv, *(uv + np.array(shift) * 2**lod / [width, height] for shift in SHIFTS)]
-    first, second = ([scene.estimate(place, lod, samples, rngs) for place in places] for _ in range(2))
+    first, second = ([scene.estimate(place, lod, draws) for place in places] for _ in range(2))
     compared = [_Compared(*(of[moved] - of[0] for of in (first, second))) for moved in range(1, len(places))]
     del first, second
     for each in candidates:
@@ -155,8 +152,8 @@ def in_motion(scene: Scene, candidates: Sequence[Candidate], lod: float, draws: 
         both = list(zip(compared, changes, strict=True))
         flicker = np.sum([of.flicker_sums(change) for of, change in both], 0)
         snr = np.sum([of.snr_sums(change) for of, change in both], 0)
-        yield ("flicker", each.name, lod), scene.weighed(flicker) / points
-        yield ("flicker-snr", each.name, lod), scene.weighed(snr) / points
+        yield ("flicker", each.name, lod), scene.weighed(flicker) / draws.points
+        yield ("flicker-snr", each.name, lod), scene.weighed(snr) / draws.points
 
 
 class _Compared:

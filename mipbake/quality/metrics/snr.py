@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from mipbake.quality.metrics.images import check_same_shape
+from mipbake.quality.metrics.images import ImageArray, check_same_shape
 
 MAX_SNR_DB = 100.0
 """Largest value reported: float32 shading resolves no more, and an error of exactly zero has no logarithm. Not
@@ -17,7 +17,7 @@ tuned."""
 _RESOLVED = 0.01
 
 
-def snr_db(candidate: NDArray[np.floating], first: NDArray[np.floating], second: NDArray[np.floating]) -> float:
+def snr_db(candidate: ImageArray, first: ImageArray, second: ImageArray) -> float:
     """10 log10(sum R^2 / sum (P - R)^2) in dB, all arrays of one shape, linear light.
 
     R is known through two independent unbiased estimates. Their products estimate both sums without the bias that
@@ -28,9 +28,7 @@ def snr_db(candidate: NDArray[np.floating], first: NDArray[np.floating], second:
     return float(snr_from_sums(_sums(1, candidate, first, second)[0]))
 
 
-def snr_sums(
-    candidate: NDArray[np.floating], first: NDArray[np.floating], second: NDArray[np.floating]
-) -> NDArray[np.float64]:
+def snr_sums(candidate: ImageArray, first: ImageArray, second: ImageArray) -> NDArray[np.float64]:
     """The sums that snr_db compares, one row (signal, error, noise) an entry of the first axis: (K, ...) to (K, 3).
 
     Rows add up, so that light-view pairs can be resampled (mipbake.quality.metrics.intervals): snr_db of the whole is
@@ -48,9 +46,7 @@ def snr_from_sums(sums: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(lit, capped, math.nan)
 
 
-def _sums(
-    rows: int, candidate: NDArray[np.floating], first: NDArray[np.floating], second: NDArray[np.floating]
-) -> NDArray[np.float64]:
+def _sums(rows: int, candidate: ImageArray, first: ImageArray, second: ImageArray) -> NDArray[np.float64]:
     p, r1, r2 = (np.asarray(a, np.float64) for a in (candidate, first, second))
     check_same_shape(first=r1, second=r2, candidate=p)
     p, r1, r2 = (a.reshape(rows, -1) for a in (p, r1, r2))
