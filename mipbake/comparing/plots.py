@@ -36,7 +36,6 @@ _ABOVE = np.array([0, 0, 1], np.float32)  # the view
 _SIDE, _LIGHTS, _SAMPLES = 24, 256, 64  # effort on the search for the worst pixel
 _RIM = 0.999  # radius of the disc of directions, off the horizon by a little
 
-
 DEGREES = 0.1
 """The turn from frame to frame."""
 

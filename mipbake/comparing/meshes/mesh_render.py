@@ -150,8 +150,7 @@ def reference(
     The estimator of `mipbake.quality.reference` draws its samples in texture space, where there are none. Passes go on
     until the standard error of the mean, estimated from the halves' difference, is at most `resolved_share` of the
     smallest error among the candidates, or 10^-4 of the image's root mean square; errors are root mean squares over the
-    interior. No candidate has a say in what a
-    pass renders.
+    interior. No candidate has a say in what a pass renders.
 
     Args:
         seed: of the samples, not negative.

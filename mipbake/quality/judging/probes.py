@@ -46,7 +46,6 @@ class ProbeEffort:
         pictures: small ones, half of them slanted; level 0 has twice as many.
         picture_samples: of the reference at each of their pixels, twice.
         doublings: how often samples are doubled, at most, where the reference stays noisy.
-
     """
 
     groups: int = 32

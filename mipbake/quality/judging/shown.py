@@ -80,10 +80,10 @@ def draw_shown(
 
     Args:
         lod: of the lookups, MIP bias included. Pixels that are smaller than texels look level 0 up as well, and where
-            the bias is negative some that are larger. count: how many pictures there are; half as
-            many where frames are averaged.
-        samples: of a pixel of level 0, in each of two estimates; twice as many at every second level,
-            to four times as many.
+            the bias is negative some that are larger. count: how many pictures there are; half as many where frames are
+            averaged.
+        samples: of a pixel of level 0, in each of two estimates; twice as many at every second level, to four times as
+            many.
     """
     # What frames cost more is saved in part by fewer pictures.
     count = max(_FEWEST, count // math.isqrt(problem.sampler.frames) // KINDS_SHOWN * KINDS_SHOWN)

@@ -16,7 +16,6 @@ from mipbake.base.srgb import linear_to_srgb
 ImageArray = NDArray[np.floating]
 """(..., 3) colours, float32 or float64; a picture is (H, W, 3), top row first."""
 
-
 _MEDIAN_RADIANCE = 0.6  # what the median of a film's reference is brought to
 
 
@@ -50,9 +49,8 @@ def displayed(linear: ImageArray) -> NDArray[np.float64]:
     """What a display shows of linear radiance, any shape, float64 in [0, 1): srgb_encode(x / (1 + x)), x at least 0.
 
     x / (1 + x) is the global operator of Reinhard et al. 2002, "Photographic tone reproduction for digital images",
-    equation 3, by channel. Pictures, FLIP and SSIM of
-    renders all use this transform. Negative values, which a pixel filter's lobes undershoot to, are black. x / (1 + x)
-    has the precision of what is given; the encoding is in float64.
+    equation 3, by channel. Pictures, FLIP and SSIM of renders all use this transform. Negative values, which a pixel
+    filter's lobes undershoot to, are black. x / (1 + x) has the precision of what is given; the encoding is in float64.
     """
     return srgb_encode(tonemapped(linear))
 

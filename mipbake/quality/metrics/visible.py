@@ -72,7 +72,6 @@ COSINES: Image = _cosines()
 SENSITIVITY: Image = _sensitivity()
 """(3, SIDE, SIDE) what bands of each opponent colour weigh."""
 
-
 WEIGHT = float(np.square(SENSITIVITY).sum())
 """What all bands of a picture weigh together."""
 
