@@ -83,14 +83,14 @@ def _details(comparison: Comparison, step: Callable[[], None]) -> Html:
     )
     measured = bool(comparison.figures)
     parts: list[tuple[str, str, Content]] = [
-        ("notes", "Notes", comparison.notes and bullets(comparison.notes)),
-        ("decibels", "Verdict in decibels", measured and _in_decibels(comparison)),
+        ("notes", "Notes", bullets(comparison.notes) if comparison.notes else None),
+        ("decibels", "Verdict in decibels", _in_decibels(comparison) if measured else None),
         ("others", "Other methods in films", other_films(comparison)),
-        ("pictures", "Renders", comparison.rendered and [renders, pictures(comparison, step)]),
-        ("curves", "Signal to noise over level of detail", comparison.curve and _curves(comparison)),
-        ("plots", "Change and lobes", comparison.plots and plots(comparison, step)),
-        ("figures", "Every measure", measured and measure_tables(comparison)),
-        ("maps", "Maps and levels", measured and thumbnails(comparison)),
+        ("pictures", "Renders", [renders, pictures(comparison, step)] if comparison.rendered else None),
+        ("curves", "Signal to noise over level of detail", _curves(comparison) if comparison.curve else None),
+        ("plots", "Change and lobes", plots(comparison, step) if comparison.plots else None),
+        ("figures", "Every measure", measure_tables(comparison) if measured else None),
+        ("maps", "Maps and levels", thumbnails(comparison) if measured else None),
     ]
     step()
     parts.append(("made", "How this was made", details(comparison, RESULTS)))

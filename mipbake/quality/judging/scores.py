@@ -94,7 +94,7 @@ class Errors:
         energies, own = self.energies, self.probe.groups
         signal = energies[2]
         at_least = _relative(energies[..., :own]) * signal[:, :own]
-        out = np.empty_like(signal)
+        out = np.empty(signal.shape)
         # Unlit pairs have no figure, so nothing to gain either.
         out[:, :own] = np.where(signal[:, :own] > UNLIT, by_log / np.maximum(at_least, 1e-20), 0.0)
         parts = np.split(signal[:, own:], KINDS, -1)
